@@ -1,0 +1,92 @@
+"""Pictures of light: files to linear radiance, top row first.
+
+Radiance .hdr (RGBE, plain or run-length encoded) keeps its values; other pictures are sRGB from 0 to 1.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+
+from clsss.errors import InputError
+
+
+def read_radiance(path: str | os.PathLike[str]) -> np.ndarray:
+    """Linear RGB of a picture.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A Radiance ``.hdr`` file, or anything Pillow reads.
+
+    Returns
+    -------
+    (h, w, 3) float64 ndarray
+        Top row first.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is no picture.
+
+    References
+    ----------
+    Ward 1991, "Real pixels"; the file format of Radiance's reference manual.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    if data.startswith((b"#?RADIANCE", b"#?RGBE")):
+        try:
+            return _rgbe(data)
+        except (ValueError, IndexError) as error:
+            raise InputError(f"{path}: is no complete Radiance picture: {error}") from error
+    return _pillow(Path(path))
+
+
+def _pillow(path: Path) -> np.ndarray:
+    from PIL import Image
+
+    try:
+        with Image.open(path) as picture:
+            x = np.asarray(picture.convert("RGB"), float) / 255
+    except OSError as error:
+        raise InputError(f"{path}: is no picture that can be read (.hdr, .png and .jpg are)") from error
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+
+
+def _rgbe(data: bytes) -> np.ndarray:
+    header = re.search(rb"\n\n-Y (\d+) \+X (\d+)\n", data)
+    if header is None:
+        raise ValueError("its rows must run from the top down ('-Y height +X width')")
+    height, width = int(header[1]), int(header[2])
+    at = header.end()
+    pixels = np.empty((height, width, 4), np.uint8)
+    for row in pixels:
+        if data[at : at + 4] == bytes((2, 2, width >> 8, width & 255)):
+            at = _run_lengths(data, at + 4, row)
+        else:
+            row[:] = np.frombuffer(data, np.uint8, 4 * width, at).reshape(width, 4)
+            at += 4 * width
+    mantissa, exponent = pixels[..., :3].astype(float), pixels[..., 3:].astype(int)
+    return np.where(exponent == 0, 0.0, np.ldexp(mantissa, exponent - 136))
+
+
+def _run_lengths(data: bytes, at: int, row: np.ndarray) -> int:
+    """Decode one row, channel by channel; returns where the next one begins."""
+    for channel in range(4):
+        x = 0
+        while x < len(row):
+            count = data[at]
+            is_run = count > 128
+            count -= 128 if is_run else 0
+            values = np.frombuffer(data, np.uint8, 1 if is_run else count, at + 1)
+            if not 0 < count <= len(row) - x:
+                raise ValueError("a run of pixels is longer than its row")
+            row[x : x + count, channel] = values
+            x, at = x + count, at + 1 + len(values)
+    return at
