@@ -1,0 +1,1 @@
+"""Subsurface light diffusion in objects of any shape, solved with OpenCL and baked to mesh vertices."""

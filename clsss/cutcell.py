@@ -1,0 +1,288 @@
+"""The surface against the finest grid: which cells it cuts, and the moments of those cells.
+
+Input is a closed triangle surface, output are kappa, alpha, alpha_B, x_C, x_B and n_B of every cut cell, from
+signed distances at half-cell nodes near the surface. Lengths on the device are in cells, so that one float32
+resolves a cell to some 1e-5 at any size of the object.
+
+References
+----------
+Haber et al. 2005, section 3.1; Johansen and Colella 1998 (embedded boundaries).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clsss.device import Buffer, Device
+from clsss.mesh import Mesh
+from clsss.winding import winding_number
+
+REACH = 0.87  # half the diagonal of a cell: no edge of a Kuhn tetrahedron of a subcell is longer
+MARGIN = 2  # empty cells kept around the object
+LONGEST_EDGE = 8.0  # in cells; longer triangles are split so that no work-item has much more to do than others
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The finest grid: `dims` cells (x, y, z) of width `h` [mm] from `origin` [mm]."""
+
+    origin: np.ndarray
+    h: float
+    dims: tuple[int, int, int]
+
+    def to_cells(self, points: np.ndarray) -> np.ndarray:
+        """Points [mm] as grid coordinates [cells]."""
+        return (np.asarray(points, float) - self.origin) / self.h
+
+    def to_mm(self, points: np.ndarray) -> np.ndarray:
+        """Grid coordinates [cells] as points [mm]."""
+        return self.origin + self.h * np.asarray(points, float)
+
+    @property
+    def blocks(self) -> tuple[int, int, int]:
+        """Number of 8x8x8 blocks (z, y, x)."""
+        return self.dims[2] // 8, self.dims[1] // 8, self.dims[0] // 8
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Signed distances around the surface, and the state of the cells that it touches.
+
+    Attributes
+    ----------
+    cells : (n, 3) int32
+        Cells that the surface touches.
+    state : (n,) uint8
+        0 outside, 1 inside, 2 cut.
+    owners : (n, 8) int32
+        For each cell, the slots in `distance` of the cells that own its 27 nodes.
+    distance : (m, 8) real, device
+        Signed distance [cells] at the nodes that each owner has.
+    inside : (nz, ny, nx) int8
+        Whether a cell's centre is inside.
+    """
+
+    cells: np.ndarray
+    state: np.ndarray
+    owners: np.ndarray
+    distance: Buffer
+    inside: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class CutCells:
+    """Moments of the cut cells, in unit cell coordinates, on the device (kernels/cutcell.cl).
+
+    Attributes
+    ----------
+    cell : (n,) int32
+        Index of each in the finest level, ascending.
+    centroid : (n, 4) real
+        x_C and kappa.
+    boundary : (n, 4) real
+        x_B and alpha_B, the area of the surface inside the cell.
+    normal : (n, 4) real
+        Area vector of the surface (outward): alpha_B n_B where the surface is flat.
+    aperture : (n, 6) real
+    face_centroid : (n, 6, 2) real
+        Centroid of the open part of each face, in its two tangential coordinates.
+    """
+
+    cell: Buffer
+    centroid: Buffer
+    boundary: Buffer
+    normal: Buffer
+    aperture: Buffer
+    face_centroid: Buffer
+
+    @property
+    def n(self) -> int:
+        """How many cut cells there are."""
+        return self.cell.shape[0]
+
+
+def make_grid(bounds: np.ndarray, resolution: int) -> Grid:
+    """The finest grid around a box, `resolution` cells along its longest side.
+
+    It is shifted by part of a cell: faces of the object that are planes of the grid would sit on nodes.
+    """
+    low, high = np.asarray(bounds, float)
+    h = float((high - low).max()) / resolution
+    needed = np.ceil((high - low) / h).astype(int) + 2 * MARGIN + 1
+    dims = -(-needed // 8) * 8
+    shift = np.array([0.31, 0.37, 0.43])
+    origin = (low + high) / 2 - h * (dims / 2 + (shift - 0.5) * (needed < dims))
+    return Grid(origin, h, (int(dims[0]), int(dims[1]), int(dims[2])))
+
+
+def split_long(triangles: np.ndarray, longest: float) -> np.ndarray:
+    """Split triangles (m, 3, 3) at their edges' midpoints until no edge is longer than `longest`."""
+    done = []
+    while len(triangles):
+        edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
+        is_long = edges.max(axis=1) > longest
+        done.append(triangles[~is_long])
+        a, b, c = np.moveaxis(triangles[is_long], 1, 0)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    return np.concatenate(done)
+
+
+class _Bricks:
+    """Cells of the finest grid near the surface, stored in bricks of 8x8x8."""
+
+    def __init__(self, grid: Grid, mark: np.ndarray):
+        self.grid = grid
+        self.block = np.full(mark.size, -1, np.int32)
+        self.used = np.flatnonzero(mark)
+        self.block[self.used] = np.arange(len(self.used), dtype=np.int32)
+
+    def entry(self, cells: np.ndarray) -> np.ndarray:
+        _, by, bx = self.grid.blocks
+        x, y, z = cells.T
+        block = ((z >> 3) * by + (y >> 3)) * bx + (x >> 3)
+        return self.block[block] * 512 + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)
+
+    def cells(self, entry: np.ndarray) -> np.ndarray:
+        _, by, bx = self.grid.blocks
+        block, local = self.used[entry >> 9], entry & 511
+        x, y, z = block % bx, (block // bx) % by, block // (bx * by)
+        out = np.stack([8 * x + (local & 7), 8 * y + ((local >> 3) & 7), 8 * z + (local >> 6)], axis=1)
+        return out.astype(np.int32)
+
+
+def _starts(count: Buffer) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(count.get().ravel(), dtype=np.int64)]).astype(np.int32)
+
+
+def _lines(device: Device, grid: Grid, triangles: np.ndarray) -> tuple[Buffer, Buffer]:
+    """Signed crossings of the surface with the grid lines along x: first of each line, and (x, sign)."""
+    ny, nz = 2 * grid.dims[1] + 1, 2 * grid.dims[2] + 1
+    surface = device.array(triangles.reshape(-1, 9))
+    n = len(triangles)
+    count = device.zeros(ny * nz, np.int32)
+    device.run(device.kernel("crossing", "count_crossings"), n, n, ny, nz, surface, count)
+    start = _starts(count)
+    cursor, crossing = device.array(start), device.empty((max(int(start[-1]), 1), 2))
+    kernel = device.kernel("crossing", "list_crossings")
+    device.run(kernel, n, n, ny, nz, surface, cursor, crossing)
+    return device.array(start), crossing
+
+
+def _bin(device: Device, grid: Grid, triangles: np.ndarray) -> tuple[_Bricks, np.ndarray, Buffer, Buffer, Buffer]:
+    """Lists of the triangles near each cell: bricks, touched flags, list starts, lists, the triangles."""
+    surface, n = device.array(triangles.reshape(-1, 9)), len(triangles)
+    mark = device.zeros(int(np.prod(grid.blocks)), np.uint8)
+    device.run(device.kernel("bin", "mark_blocks"), n, n, grid.dims, 1.2, surface, mark)
+    bricks = _Bricks(grid, mark.get())
+    block = device.array(bricks.block)
+    n_entries = 512 * len(bricks.used)
+    count, touched = device.zeros(n_entries, np.int32), device.zeros(n_entries, np.uint8)
+    kernel = device.kernel("bin", "count_triangles")
+    device.run(kernel, n, n, grid.dims, REACH, block, surface, count, touched)
+    start = _starts(count)
+    cursor, lists = device.array(start), device.empty(max(int(start[-1]), 1), np.int32)
+    kernel = device.kernel("bin", "list_triangles")
+    device.run(kernel, n, n, grid.dims, REACH, block, surface, cursor, lists)
+    return bricks, touched.get(), device.array(start), lists, surface
+
+
+def _corners() -> np.ndarray:
+    corner = np.arange(8)
+    return np.stack([corner & 1, (corner >> 1) & 1, corner >> 2], axis=1)
+
+
+def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
+    """Signed distances at the half-cell nodes around the surface, and which cells it cuts.
+
+    Parameters
+    ----------
+    device : Device
+    grid : Grid
+    mesh : Mesh
+        Its `triangles` bound the object. Where they are no closed cycle, the generalised winding number
+        decides what is inside.
+
+    Returns
+    -------
+    Samples
+    """
+    triangles = grid.to_cells(mesh.triangles)
+    bricks, touched, list_start, lists, surface = _bin(device, grid, split_long(triangles, LONGEST_EDGE))
+    cells = bricks.cells(np.flatnonzero(touched))
+    needed = np.zeros(len(touched), bool)
+    corner_entry = np.stack([bricks.entry(cells + corner) for corner in _corners()], axis=1)
+    needed[corner_entry] = True
+    slot = np.cumsum(needed, dtype=np.int32) - 1
+    owner_entry = np.flatnonzero(needed).astype(np.int32)
+    owner_cells = bricks.cells(owner_entry)
+    n = len(owner_cells)
+    distance = device.empty((n, 8))
+    packed = np.concatenate([owner_cells, np.zeros((n, 1), np.int32)], axis=1)
+    line_start, crossing = _lines(device, grid, triangles) if mesh.closed else (None, None)
+    kernel = device.kernel("distance", "distance_at_nodes")
+    device.run(kernel, n, n, 2 * grid.dims[1] + 1, REACH, device.array(packed), device.array(owner_entry),
+               list_start, lists, line_start, crossing, surface, distance)  # fmt: skip
+    owners = slot[corner_entry].astype(np.int32)
+    if mesh.closed:
+        inside = _fill_rows(device, grid, line_start, crossing)
+    else:
+        nodes = owner_cells[:, None, :] + 0.5 * _corners()
+        winding = winding_number(device, triangles, nodes.reshape(-1, 3)).reshape(n, 8)
+        values = distance.get()
+        distance.set(np.where(np.abs(winding) > 0.5, -values, values))
+        inside = _fill_regions(device, grid, triangles, cells)
+    state = device.empty(len(cells), np.uint8)
+    kernel = device.kernel("distance", "classify")
+    device.run(kernel, len(cells), len(cells), device.array(owners), distance, state)
+    return Samples(cells, state.get(), owners, distance, inside)
+
+
+def _fill_rows(device: Device, grid: Grid, line_start: Buffer, crossing: Buffer) -> np.ndarray:
+    """Which cell centres are inside, by crossings along x."""
+    nx, ny, nz = grid.dims
+    inside = device.empty((nz, ny, nx), np.int8)
+    kernel = device.kernel("crossing", "interior")
+    device.run(kernel, ny * nz, ny * nz, grid.dims, line_start, crossing, inside)
+    return inside.get()
+
+
+def _fill_regions(device: Device, grid: Grid, triangles: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Which cells are inside, by the winding number of a few cells of each region the surface leaves whole."""
+    from scipy import ndimage
+
+    nx, ny, nz = grid.dims
+    free = np.ones((nz, ny, nx), bool)
+    free[cells[:, 2], cells[:, 1], cells[:, 0]] = False
+    label, n_regions = ndimage.label(free)
+    flat = label.ravel()
+    where = np.flatnonzero(flat)
+    order = where[np.argsort(flat[where], kind="stable")]
+    first = np.concatenate([[0], np.cumsum(np.bincount(flat[where], minlength=n_regions + 1)[1:])])
+    picks = np.linspace(first[:-1], first[1:] - 1, 9).round().astype(int)
+    probe = order[picks]
+    points = np.stack([probe % nx, (probe // nx) % ny, probe // (nx * ny)], axis=-1) + 0.5
+    winding = winding_number(device, triangles, points.reshape(-1, 3)).reshape(probe.shape)
+    is_inside = np.concatenate([[False], np.abs(np.median(winding, axis=0)) > 0.5])
+    return is_inside[label].astype(np.int8)
+
+
+def cut_moments(device: Device, samples: Samples, rows: np.ndarray, cell: np.ndarray) -> CutCells:
+    """Moments of the cut cells `rows` of `samples`, which are cells `cell` of the finest level.
+
+    Raises
+    ------
+    DeviceError
+        The device cannot hold them.
+    """
+    n = len(rows)
+    out = CutCells(device.array(cell.astype(np.int32)), device.empty((n, 4)), device.empty((n, 4)),
+                   device.empty((n, 4)), device.empty((n, 6)), device.empty((n, 6, 2)))  # fmt: skip
+    owners = device.array(samples.owners[rows])
+    kernel = device.kernel("cutcell", "moments")
+    device.run(kernel, n, n, owners, samples.distance, out.centroid, out.boundary, out.normal, out.aperture,
+               out.face_centroid)  # fmt: skip
+    return out

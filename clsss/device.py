@@ -1,0 +1,301 @@
+"""The OpenCL device: find one that works, build and launch kernels, hold arrays.
+
+No physics here. Everything else sees a `Device`; nothing else knows a ``cl.Context``.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clsss.errors import DeviceError, InputError
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+KERNEL_DIR = Path(__file__).parent / "kernels"
+if not KERNEL_DIR.is_dir():
+    KERNEL_DIR = Path(__file__).parent.parent / "kernels"
+
+NO_DEVICE = (
+    "no OpenCL device works; on Debian or Ubuntu install PoCL, which runs OpenCL on the CPU: "
+    "sudo apt install pocl-opencl-icd (`clsss doctor` shows what was found)"
+)
+_TRIAL = "__kernel void trial(__global float *x) { size_t i = get_global_id(0); x[i] = 2 * x[i]; }"
+
+
+def kernel_source(name: str) -> str:
+    """Source of ``kernels/<name>`` with its ``#include "x.h"`` lines spliced in.
+
+    One self-contained text per program: driver caches cannot miss an edited header, and no ``-I`` path
+    with spaces can break the build. ``#line`` keeps error messages pointing at the files.
+    """
+
+    def splice(path: Path) -> str:
+        out = [f'#line 1 "{path.name}"']
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            include = re.match(r'\s*#include\s+"([^"]+)"', line)
+            if include:
+                out += [splice(path.parent / include.group(1)), f'#line {number + 1} "{path.name}"']
+            else:
+                out.append(line)
+        return "\n".join(out) + "\n"
+
+    return splice(KERNEL_DIR / name)
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """One OpenCL device and whether a trial kernel ran on it."""
+
+    name: str
+    platform: str
+    works: bool
+    why_not: str
+    handle: Any = None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def _try(handle: cl.Device) -> str:
+    """Build and run a tiny kernel; the reason for failure, or an empty string."""
+    import pyopencl as cl
+
+    try:
+        context = cl.Context([handle])
+        queue = cl.CommandQueue(context)
+        x = np.arange(64, dtype=np.float32)
+        buffer = cl.Buffer(context, cl.mem_flags.COPY_HOST_PTR, hostbuf=x)
+        program = cl.Program(context, _TRIAL).build(cache_dir=False)
+        cl.Kernel(program, "trial")(queue, x.shape, None, buffer)
+        out = np.empty_like(x)
+        cl.enqueue_copy(queue, out, buffer)
+        return "" if np.array_equal(out, 2 * x) else "the trial kernel gave a wrong result"
+    except Exception as error:  # a broken driver may raise anything
+        return _one_line(error)
+
+
+@functools.lru_cache(maxsize=1)
+def find_devices() -> tuple[DeviceInfo, ...]:
+    """All OpenCL devices, each tried with a tiny kernel, the best working one first.
+
+    A listed device need not work (a driver too old for the CPU lists itself and then cannot compile), so
+    every one is tried. GPUs come before CPUs, then more compute units first.
+    """
+    try:
+        import pyopencl as cl
+
+        platforms = cl.get_platforms()
+    except Exception:  # no loader, no platform
+        return ()
+    found = []
+    for platform in platforms:
+        try:
+            handles = platform.get_devices()
+        except Exception:
+            continue
+        for handle in handles:
+            why_not = _try(handle)
+            is_gpu = bool(handle.type & cl.device_type.GPU)
+            rank = (bool(why_not), not is_gpu, -handle.max_compute_units)
+            name = " ".join(handle.name.split())
+            found.append((rank, DeviceInfo(name, platform.name.strip(), not why_not, why_not, handle)))
+    return tuple(info for _, info in sorted(found, key=lambda pair: pair[0]))
+
+
+def devices() -> list[tuple[str, str, bool, str]]:
+    """Every OpenCL device as ``(name, platform, works, why_not)``, the best working one first."""
+    return [(d.name, d.platform, d.works, d.why_not) for d in find_devices()]
+
+
+class Buffer:
+    """A typed array on the device: shape and dtype of its host image, and the memory that holds it."""
+
+    def __init__(self, device: Device, shape: tuple[int, ...], dtype: np.dtype):
+        self.device, self.shape, self.dtype = device, tuple(int(s) for s in shape), np.dtype(dtype)
+        self.nbytes = int(np.prod(self.shape, dtype=np.int64)) * self.dtype.itemsize
+        self.data = device._allocate(self.nbytes)
+
+    def get(self) -> np.ndarray:
+        """A copy on the host (waits for the queue)."""
+        import pyopencl as cl
+
+        out = np.empty(self.shape, self.dtype)
+        if out.size:
+            cl.enqueue_copy(self.device.queue, out, self.data)
+        return out
+
+    def set(self, values: np.ndarray) -> None:
+        """Overwrite with host values of the same shape."""
+        import pyopencl as cl
+
+        host = np.ascontiguousarray(values, self.dtype)
+        assert host.shape == self.shape, (host.shape, self.shape)
+        if host.size:
+            cl.enqueue_copy(self.device.queue, self.data, host)
+
+    def fill(self, value: float) -> None:
+        """Set every element."""
+        import pyopencl as cl
+
+        if self.nbytes:
+            cl.enqueue_fill_buffer(
+                self.device.queue, self.data, self.dtype.type(value), 0, self.nbytes
+            )
+
+    def copy_from(self, other: Buffer) -> None:
+        """Copy the contents of another buffer of the same size, on the device."""
+        import pyopencl as cl
+
+        if self.nbytes:
+            cl.enqueue_copy(self.device.queue, self.data, other.data, byte_count=self.nbytes)
+
+    def __del__(self) -> None:
+        self.device.allocated -= self.nbytes
+
+
+class Device:
+    """An OpenCL device with one in-order queue and a precision.
+
+    Parameters
+    ----------
+    name : str, optional
+        Substring of the device's or its platform's name; by default the best that works.
+    precision : {"single", "double"}
+        `real` is float32 or float64; kernels see it as ``REAL``.
+
+    Raises
+    ------
+    DeviceError
+        No device works, none matches `name`, or it lacks double precision.
+    InputError
+        `precision` is neither of the two.
+    """
+
+    def __init__(self, name: str | None = None, precision: str = "single"):
+        import pyopencl as cl
+
+        if precision not in ("single", "double"):
+            raise InputError(f"precision: unknown value {precision!r}; use single or double")
+        found = find_devices()
+        if not any(d.works for d in found):
+            raise DeviceError(NO_DEVICE)
+        matching = [d for d in found if name is None or name.lower() in f"{d.name} {d.platform}".lower()]
+        if not matching:
+            names = ", ".join(d.name for d in found)
+            raise DeviceError(f"no OpenCL device's name contains {name!r}; there are: {names}")
+        if not matching[0].works:
+            raise DeviceError(f"OpenCL device {matching[0].name} does not work: {matching[0].why_not}")
+        handle = matching[0].handle
+        if precision == "double" and not handle.double_fp_config:
+            raise DeviceError(f"OpenCL device {matching[0].name} has no double precision; use single")
+        self.name, self.platform = matching[0].name, matching[0].platform
+        self.precision = precision
+        self.real = np.dtype(np.float32 if precision == "single" else np.float64)
+        self.handle = handle
+        self.context = cl.Context([handle])
+        self.queue = cl.CommandQueue(self.context)
+        self.is_cpu = bool(handle.type & cl.device_type.CPU)
+        self.allocated = self.peak = 0
+        self._programs: dict[tuple[str, tuple[str, ...]], Any] = {}
+        self._kernels: dict[tuple[str, str, tuple[str, ...]], Any] = {}
+
+    def _allocate(self, nbytes: int) -> cl.Buffer:
+        import pyopencl as cl
+
+        try:
+            data = cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, 16))
+        except cl.Error as error:
+            raise DeviceError(
+                f"OpenCL device {self.name} cannot hold {nbytes / 2**20:.0f} MB more; lower the resolution"
+            ) from error
+        self.allocated += nbytes
+        self.peak = max(self.peak, self.allocated)
+        return data
+
+    def empty(self, shape: int | tuple[int, ...], dtype: Any = None) -> Buffer:
+        """A buffer of unspecified contents; `dtype` defaults to `real`."""
+        shape = (shape,) if isinstance(shape, (int, np.integer)) else shape
+        return Buffer(self, shape, np.dtype(dtype or self.real))
+
+    def zeros(self, shape: int | tuple[int, ...], dtype: Any = None) -> Buffer:
+        """A buffer of zeros."""
+        out = self.empty(shape, dtype)
+        out.fill(0)
+        return out
+
+    def array(self, values: Any, dtype: Any = None) -> Buffer:
+        """A buffer with a copy of host values; floating values become `real` unless `dtype` is given."""
+        host = np.asarray(values)
+        if dtype is None:
+            dtype = self.real if host.dtype.kind == "f" else host.dtype
+        out = self.empty(host.shape, dtype)
+        out.set(host)
+        return out
+
+    def kernel(self, file: str, name: str, *defines: str) -> Any:
+        """The kernel `name` of ``kernels/<file>.cl``, built with `defines` such as ``"HETEROGENEOUS"``."""
+        import pyopencl as cl
+
+        key = (file, name, defines)
+        if key not in self._kernels:
+            if (file, defines) not in self._programs:
+                options = ["-DREAL=double"]
+                if self.precision == "single":
+                    options = ["-DREAL=float", "-cl-single-precision-constant"]
+                options += [f"-D{d}" for d in defines]
+                try:
+                    program = cl.Program(self.context, kernel_source(f"{file}.cl")).build(options)
+                except cl.Error as error:
+                    raise DeviceError(f"kernels/{file}.cl does not build on {self.name}: {error}") from error
+                self._programs[file, defines] = program
+            self._kernels[key] = cl.Kernel(self._programs[file, defines], name)
+        return self._kernels[key]
+
+    def run(self, kernel: Any, n: int, *arguments: Any, group: int | None = None) -> None:
+        """Enqueue `kernel` over `n` work-items; ints become int32, tuples of ints int4, floats `real`.
+
+        Global size is rounded up to whole work-groups; kernels guard with ``if (i < n)``.
+        """
+        if n <= 0:
+            return
+        group = group or min(64, 1 << max(0, (n - 1).bit_length()))
+        converted = [self._argument(a) for a in arguments]
+        kernel(self.queue, (-(-n // group) * group,), (group,), *converted)
+
+    def _argument(self, value: Any) -> Any:
+        if isinstance(value, Buffer):
+            return value.data
+        if isinstance(value, (int, np.integer)):
+            return np.int32(value)
+        if isinstance(value, tuple):
+            import pyopencl.cltypes
+
+            return pyopencl.cltypes.make_int4(*value, *[0] * (4 - len(value)))
+        if isinstance(value, (float, np.floating)):
+            return self.real.type(value)
+        return value
+
+    def vector(self, values: Any) -> np.ndarray:
+        """Up to four numbers as one ``REAL4`` kernel argument."""
+        import pyopencl.cltypes
+
+        out = np.zeros(4)
+        out[: len(values)] = values
+        make = pyopencl.cltypes.make_float4 if self.precision == "single" else pyopencl.cltypes.make_double4
+        return make(*out)
+
+    def finish(self) -> None:
+        """Wait until everything enqueued is done."""
+        self.queue.finish()
+
+
+os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # PoCL and GPU drivers cache builds themselves
