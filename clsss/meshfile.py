@@ -1,0 +1,280 @@
+"""Read the vertices and triangles of a mesh file, exactly as the file gives them.
+
+PLY and OBJ are read here because the solver gives one colour back per vertex of the file: general readers
+split or reorder vertices at texture seams, refuse PLY files that mix triangles with quads, wrap indices out
+of range, and take truncated text for a smaller mesh. All other formats go through trimesh.
+"""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clsss.errors import InputError
+
+_PLY_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4",
+    "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_INDICES = ("vertex_indices", "vertex_index")
+
+
+def read(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a mesh file, in the file's order and units.
+
+    Parameters
+    ----------
+    path : Path
+        Any format trimesh reads, also compressed with gzip (``.ply.gz``).
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+        Every vertex of the file [file units].
+    faces : (f, 3) int64
+        Indices into `vertices`; polygons are split into fans.
+
+    Raises
+    ------
+    InputError
+        The file is missing, truncated, not a mesh, or its indices or numbers make no sense.
+    """
+    data, suffix = _contents(path)
+    if suffix == ".ply" and b"tristrips" not in data[:4000]:
+        vertices, faces = _read_ply(data, path.name)
+    elif suffix == ".obj":
+        vertices, faces = _read_obj(data, path.name)
+    else:
+        vertices, faces = _read_with_trimesh(path, data, suffix)
+    return _checked(vertices, faces, path.name)
+
+
+def from_trimesh(mesh: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a `trimesh.Trimesh`, as `read` gives those of a file."""
+    try:
+        vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+    except (AttributeError, TypeError, ValueError) as error:
+        kind = type(mesh).__name__
+        raise InputError(f"mesh: a {kind} is neither a path nor a trimesh.Trimesh with triangles") from error
+    return _checked(vertices.reshape(-1, 3), faces.reshape(-1, 3), name)
+
+
+def _checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    if not len(faces):
+        raise InputError(f"{name}: there are no triangles in it; clsss needs a surface mesh")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        bad = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))[0])
+        index = int(next(i for i in faces[bad] if not 0 <= i < len(vertices)))
+        raise InputError(
+            f"{name}: triangle {bad} names vertex {index}, but there are only {len(vertices)} vertices, "
+            "counted from 0"
+        )
+    return vertices, faces
+
+
+def _contents(path: Path) -> tuple[bytes, str]:
+    """The uncompressed bytes of a file and its suffix without ``.gz``."""
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file")
+    if not path.is_file():
+        raise InputError(f"{path}: not a file; give the path of a mesh file")
+    try:
+        data = path.read_bytes()
+        if data[:2] == b"\x1f\x8b":
+            data = gzip.decompress(data)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path.name}: cannot be read ({' '.join(str(error).split())})") from error
+    suffixes = [s.lower() for s in path.suffixes if s.lower() != ".gz"]
+    if not data:
+        raise InputError(f"{path.name}: the file is empty")
+    return data, suffixes[-1] if suffixes else ""
+
+
+def _fan(polygons: list[Any]) -> np.ndarray:
+    """Triangles (f, 3) of polygons of any size, each a fan from its first vertex."""
+    faces = [(p[0], p[k], p[k + 1]) for p in polygons for k in range(1, len(p) - 1)]
+    return np.array(faces, np.int64).reshape(-1, 3)
+
+
+def _read_obj(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and faces of a Wavefront OBJ file; texture coordinates and normals do not split vertices."""
+    vertices: list[list[float]] = []
+    polygons: list[list[int]] = []
+    lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    for number, line in enumerate(lines, 1):
+        fields = line.split()
+        if not fields or fields[0] not in (b"v", b"f"):
+            continue
+        try:
+            if fields[0] == b"v":
+                x, y, z = fields[1:4]
+                vertices.append([float(x), float(y), float(z)])
+            else:
+                corners = [int(corner.partition(b"/")[0]) for corner in fields[1:]]
+                if 0 in corners:
+                    raise InputError(f"{name}: line {number} uses index 0, but OBJ indices start at 1")
+                # negative indices count back from the vertices read so far
+                polygons.append([c - 1 if c > 0 else len(vertices) + c for c in corners])
+        except InputError:
+            raise
+        except ValueError as error:
+            text = line.decode("utf-8", "replace").strip()[:60]
+            hint = " (decimal commas? write decimal points)" if b"," in line else ""
+            raise InputError(f"{name}: line {number} is not valid OBJ: {text!r}{hint}") from error
+    return np.array(vertices, np.float64).reshape(-1, 3), _fan(polygons)
+
+
+def _ply_header(data: bytes, name: str) -> tuple[str, list[tuple[str, int, list[tuple[str, ...]]]], int]:
+    """Byte order, elements (name, count, properties) and length of a PLY header."""
+    if not data.startswith(b"ply"):
+        raise InputError(f"{name}: not a PLY file, though its name says so")
+    end = data.find(b"end_header")
+    stop = data.find(b"\n", end) + 1
+    if end < 0 or stop == 0:
+        raise InputError(f"{name}: the PLY header has no end; the file is truncated")
+    order, elements = None, []
+    try:
+        for line in data[:end].decode("utf-8", "replace").splitlines()[1:]:
+            match line.split():
+                case ["format", kind, *_]:
+                    order = _PLY_ORDERS[kind]
+                case ["element", element, count]:
+                    elements.append((element, int(count), []))
+                case ["property", "list", counts, items, label]:
+                    elements[-1][2].append((label, _PLY_TYPES[items], _PLY_TYPES[counts]))
+                case ["property", kind, label]:
+                    elements[-1][2].append((label, _PLY_TYPES[kind]))
+    except (KeyError, ValueError, IndexError) as error:
+        raise InputError(f"{name}: the PLY header line {line.strip()!r} makes no sense") from error
+    if order is None or any(count < 0 for _, count, _ in elements):
+        raise InputError(f"{name}: the PLY header has no valid format or counts")
+    return order, elements, stop
+
+
+def _read_ply(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
+    order, elements, position = _ply_header(data, name)
+    body: Any = data
+    if order == "":
+        try:
+            body, position = np.array(data[position:].split(), np.float64), 0
+        except ValueError as error:
+            raise InputError(f"{name}: the text of the PLY file has something other than numbers") from error
+    vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    for element, count, properties in elements:
+        try:
+            columns, position = _ply_element(body, position, order, count, properties)
+        except (ValueError, IndexError) as error:
+            raise InputError(
+                f"{name}: the file is truncated: its header promises {count} of {element!r}, "
+                "more than the file holds"
+            ) from error
+        if element == "vertex" and count:
+            if any(axis not in columns for axis in "xyz"):
+                raise InputError(f"{name}: the PLY vertices have no x, y, z")
+            vertices = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
+        elif element == "face" and count:
+            lists = next((columns[label] for label in _INDICES if label in columns), None)
+            if isinstance(lists, np.ndarray) and lists.shape[1] == 3:
+                faces = lists.astype(np.int64)
+            elif lists is not None:
+                faces = _fan([np.asarray(row, np.int64).tolist() for row in lists])
+    return vertices, faces
+
+
+def _ply_element(
+    body: Any, position: int, order: str, count: int, properties: list[tuple[str, ...]]
+) -> tuple[dict[str, Any], int]:
+    """Columns of one element by label, and where the next begins; ValueError where the body ends early.
+
+    `body` is bytes, or the numbers of a text file; lists of one length become (count, length) arrays,
+    others a list of rows.
+    """
+    if count == 0:
+        return {}, position
+
+    def row_type(lengths: list[int]) -> np.dtype:
+        fields: list[Any] = []
+        for k, (_, kind, *counts) in enumerate(properties):
+            if counts:
+                fields.append((f"n{k}", order + counts[0] if order else "f8"))
+            fields.append((f"p{k}", order + kind if order else "f8", *([(lengths[k],)] if counts else [])))
+        return np.dtype(fields)
+
+    is_list = [len(p) == 3 for p in properties]
+    width = 1 if order else 8  # positions count bytes, or numbers of eight bytes
+    if position + count * row_type([0] * len(properties)).itemsize // width > len(body):
+        raise ValueError("fewer rows than promised")
+
+    def rows(start: int, lengths: list[int], n: int) -> np.ndarray:
+        kind = row_type(lengths)
+        if start + n * kind.itemsize // width > len(body):
+            raise ValueError("fewer rows than promised")
+        return np.frombuffer(body, kind, n, start * width)
+
+    def lengths_at(start: int) -> list[int]:
+        lengths = [0] * len(properties)
+        for k in np.flatnonzero(is_list):
+            lengths[k] = int(rows(start, lengths, 1)[f"n{k}"][0])
+            if lengths[k] < 0 or lengths[k] > len(body):
+                raise ValueError("a list longer than the file")
+        return lengths
+
+    lengths = lengths_at(position)
+    try:
+        table = rows(position, lengths, count)
+        uniform = all((table[f"n{k}"] == lengths[k]).all() for k in np.flatnonzero(is_list))
+    except ValueError:
+        uniform = False
+    if uniform:
+        columns = {label: table[f"p{k}"] for k, (label, *_) in enumerate(properties)}
+        return columns, position + table.nbytes // width
+    ragged: dict[str, Any] = {label: [] for label, *_ in properties}
+    for _ in range(count):
+        row = rows(position, lengths_at(position), 1)
+        for k, (label, *_) in enumerate(properties):
+            ragged[label].append(row[f"p{k}"][0])
+        position += row.nbytes // width
+    return ragged, position
+
+
+def _read_with_trimesh(path: Path, data: bytes, suffix: str) -> tuple[np.ndarray, np.ndarray]:
+    import io
+
+    import trimesh
+
+    _check_stl(path.name, data, suffix)
+    if suffix.lstrip(".") not in trimesh.available_formats():
+        raise InputError(f"{path.name}: not a mesh format clsss can read; try .ply, .obj, .stl, .off or .glb")
+    compressed = path.suffix.lower() == ".gz"
+    try:
+        scene = trimesh.load_scene(
+            io.BytesIO(data) if compressed else path, file_type=suffix[1:], process=False, skip_materials=True
+        )
+        mesh = scene.to_mesh()
+        vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+    except BaseException as error:  # readers of damaged files may raise anything
+        if isinstance(error, (KeyboardInterrupt, SystemExit, MemoryError)):
+            raise
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"{path.name}: cannot be read as {suffix[1:].upper()} ({reason}); is it damaged or truncated?"
+        ) from error
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def _check_stl(name: str, data: bytes, suffix: str) -> None:
+    """A binary STL is told by its size, not by the word it starts with, which exporters get wrong."""
+    if suffix != ".stl" or b"facet" in data[:2000] and b"\0" not in data[:2000]:
+        return
+    promised = int.from_bytes(data[80:84], "little")
+    if len(data) != 84 + 50 * promised:
+        raise InputError(
+            f"{name}: the STL header promises {promised} triangles, but the file holds "
+            f"{max(0, len(data) - 84) // 50}; export it again"
+        )
