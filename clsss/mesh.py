@@ -1,4 +1,4 @@
-"""Load a triangle mesh, make it bound a solid, scale it to millimetres; cast rays at it.
+"""Load a triangle mesh, make it bound a solid, scale it to millimetres.
 
 Input: a file or a `trimesh.Trimesh`. Output: a `Mesh`. A point is inside where the winding number of the
 mesh's `triangles` exceeds 1/2 in magnitude: overlapping bodies are one body, and a shell that winds inward
@@ -16,10 +16,13 @@ import numpy as np
 
 from clsss import meshfile
 from clsss.errors import InputError
-from clsss.repair import Repaired, repair, winding
+from clsss.rays import RayCaster, contains
+from clsss.repair import Repaired, repair
 
 if TYPE_CHECKING:
     import trimesh
+
+__all__ = ["Mesh", "RayCaster", "contains", "load_mesh"]
 
 _FLAT = 1e-7  # volume over area times length: what rounding to float32 leaves of zero
 
@@ -86,7 +89,11 @@ def load_mesh(source: str | os.PathLike[str] | trimesh.Trimesh, size: float | No
     InputError
         The file cannot be read, makes no sense or bounds no volume, or `size` is not a length.
     """
-    if size is not None and not (np.isscalar(size) and np.isreal(size) and 0 < size < np.inf):
+    try:
+        length = None if size is None else float(size)
+    except (TypeError, ValueError):
+        length = np.nan
+    if length is not None and not 0 < length < np.inf:
         raise InputError(f"size: {size!r} is not a length; give the longest side in mm, more than 0")
     if isinstance(source, (str, os.PathLike)):
         path = Path(source)
@@ -101,7 +108,14 @@ def load_mesh(source: str | os.PathLike[str] | trimesh.Trimesh, size: float | No
         repaired = repair((vertices - centre) / longest, faces)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-    return _scaled(vertices, faces, repaired, centre, longest, size, name)
+    return _scaled(vertices, faces, repaired, centre, longest, length, name)
+
+
+def _used(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Which vertices (v,) a face uses."""
+    used = np.zeros(len(vertices), bool)
+    used[faces.ravel()] = True
+    return used
 
 
 def _bounding_box(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.ndarray, float]:
@@ -109,11 +123,11 @@ def _bounding_box(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[n
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(bad):
         raise InputError(f"{name}: vertex {bad[0]} has a coordinate that is not a finite number")
-    used = vertices[faces.ravel()]
+    used = vertices[_used(vertices, faces)]
     box = np.array([used.min(axis=0), used.max(axis=0)])
     longest = float(np.ptp(box, axis=0).max())
     if not 0 < longest < np.inf:
-        raise InputError(f"{name}: all vertices lie at one point or too far apart; there is no solid to light")
+        raise InputError(f"{name}: all vertices lie at one point or too far apart; there is no solid")
     return box, longest
 
 
@@ -123,19 +137,19 @@ def _scaled(
     repaired: Repaired,
     centre: np.ndarray,
     longest: float,
-    size: float | None,
+    length: float | None,
     name: str,
 ) -> Mesh:
     """The repaired mesh in millimetres."""
-    used = vertices[faces[repaired.kept].ravel()]
-    extent = float(np.ptp(used, axis=0).max()) if len(used) else longest
-    scale = 1.0 if size is None else float(size) / extent
+    drawn = faces[repaired.kept]
+    drawn = np.where(repaired.turned[:, None], drawn[:, ::-1], drawn).astype(np.int32)
+    used = _used(vertices, drawn)
+    extent = float(np.ptp(vertices[used], axis=0).max()) if len(drawn) else longest
+    scale = 1.0 if length is None else length / extent
     points = vertices * scale
     corners = np.concatenate([points[repaired.first], (repaired.centroids * longest + centre) * scale])
     triangles = corners[repaired.solid]
-    _require_volume(triangles, longest * scale, repaired.closed, name)
-    drawn = faces[repaired.kept]
-    drawn = np.where(repaired.turned[:, None], drawn[:, ::-1], drawn).astype(np.int32)
+    _require_volume(triangles, extent * scale, repaired.closed, name)
     repairs = list(repaired.repairs)
     reach = float(np.abs(centre).max())
     if longest < 1e-5 * reach and (vertices == vertices.astype(np.float32)).all():
@@ -147,7 +161,7 @@ def _scaled(
         "repairs": repairs,
         "size_mm": extent * scale,
     }
-    normals = _normals((vertices - centre) / longest, drawn, repaired.welded)
+    normals = _normals((vertices - centre) / longest, drawn, used, repaired.welded)
     return Mesh(points, drawn, normals, triangles, repaired.closed, report, name)
 
 
@@ -160,7 +174,7 @@ def _require_volume(triangles: np.ndarray, length: float, closed: bool, name: st
         raise InputError(f"{name}: its {what} holds no volume; clsss needs a solid with an inside")
 
 
-def _normals(points: np.ndarray, faces: np.ndarray, welded: np.ndarray) -> np.ndarray:
+def _normals(points: np.ndarray, faces: np.ndarray, used: np.ndarray, welded: np.ndarray) -> np.ndarray:
     """Vertex normals (v, 3): the sum over the faces at a position, each times its angle there."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -175,139 +189,5 @@ def _normals(points: np.ndarray, faces: np.ndarray, welded: np.ndarray) -> np.nd
             total[:, axis] += np.bincount(corner, angle * normal[:, axis], minlength=n)
     total /= np.maximum(np.linalg.norm(total, axis=1), np.finfo(float).tiny)[:, None]
     out = np.zeros_like(points)
-    drawn = np.unique(faces)
-    out[drawn] = total[welded[drawn]]
-    return out
-
-
-class RayCaster:
-    """Nearest hits and shadow tests against triangles, with Embree.
-
-    Embree computes in single precision, so coordinates are normalised to the bounding box, far origins are
-    moved along their rays to it, and distances are computed again in double precision.
-
-    Parameters
-    ----------
-    triangles : (m, 3, 3) float64
-        Triangles in any units.
-    """
-
-    def __init__(self, triangles: np.ndarray):
-        self.triangles = np.asarray(triangles, np.float64)
-        corners = self.triangles.reshape(-1, 3)
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        self._centre, self._half = (low + high) / 2, float((high - low).max()) / 2
-        self._scene: Any = None
-
-    def _run(
-        self, origins: np.ndarray, directions: np.ndarray, reach: Any, **query: Any
-    ) -> tuple[Any, np.ndarray]:
-        """Embree's answer for normalised rays, and how many directions along them they were started."""
-        if self._scene is None:
-            from embreex.mesh_construction import TriangleMesh
-            from embreex.rtcore_scene import EmbreeScene
-
-            self._scene = EmbreeScene(robust=True)
-            TriangleMesh(self._scene, ((self.triangles - self._centre) / self._half).astype(np.float32))
-        origins = (np.asarray(origins, np.float64).reshape(-1, 3) - self._centre) / self._half
-        directions = np.asarray(directions, np.float64).reshape(-1, 3)
-        origins, directions = np.broadcast_arrays(origins, directions)
-        squared = np.einsum("ij,ij->i", directions, directions)
-        # the box lies within a sphere of radius sqrt(3) about 0
-        nearest = -np.einsum("ij,ij->i", origins, directions) / squared - 1.75 / np.sqrt(squared)
-        start = np.maximum(nearest, 0.0)
-        reach = np.clip(np.asarray(reach) / self._half - start, -1.0, 1e30)
-        single = [np.ascontiguousarray(x, np.float32) for x in (origins + start[:, None] * directions, directions)]
-        reach = np.ascontiguousarray(np.broadcast_to(reach, len(start)), np.float32)
-        return self._scene.run(*single, dists=np.maximum(reach, 0), **query), start * self._half
-
-    def hit(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First triangle each ray hits.
-
-        Parameters
-        ----------
-        origins, directions : (n, 3) float64
-            Rays; either may be one row for all.
-
-        Returns
-        -------
-        t : (n,) float64
-            Distance in lengths of the direction; inf where nothing is hit.
-        index : (n,) int64
-            Triangle, -1 where none.
-        """
-        found, start = self._run(origins, directions, np.inf, output=True)
-        index = found["primID"].astype(np.int64)
-        rough = start + found["tfar"].astype(np.float64) * self._half
-        a, b, c = np.moveaxis(self.triangles[index], 1, 0)
-        normal = np.cross(b - a, c - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            exact = np.einsum("ij,ij->i", normal, a - origins)
-            exact /= np.einsum("ij,ij->i", normal, np.broadcast_to(directions, normal.shape))
-        # the plane says nothing where the ray grazes it or the triangle is a sliver
-        agrees = np.abs(exact - rough) * np.linalg.norm(directions, axis=-1) < 1e-4 * self._half
-        t = np.maximum(np.where(agrees, exact, rough), 0.0)
-        return np.where(index >= 0, t, np.inf), index
-
-    def occluded(self, origins: np.ndarray, directions: np.ndarray, distance: Any = np.inf) -> np.ndarray:
-        """Whether anything lies on the ray within a distance.
-
-        Parameters
-        ----------
-        origins, directions : (n, 3) float64
-            Rays; either may be one row for all.
-        distance : float or (n,) float64
-            How far to look, in lengths of the direction.
-
-        Returns
-        -------
-        (n,) bool
-        """
-        return self._run(origins, directions, distance, query="OCCLUDED")[0] >= 0
-
-
-_DIRECTIONS = np.array([[0.8165, 0.4082, 0.4084], [-0.3291, 0.7713, -0.5449]])  # along no axis or diagonal
-
-
-def contains(mesh: Mesh, points: np.ndarray) -> np.ndarray:
-    """Whether points lie inside the solid, |winding number| > 1/2.
-
-    Signed crossings along two rays count the winding number; where they differ, because a ray met an edge,
-    or the surface is open, solid angles are summed, which takes time in proportion to the triangles.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    points : (n, 3) float64
-        Points [mm].
-
-    Returns
-    -------
-    (n,) bool
-    """
-    points = np.asarray(points, np.float64).reshape(-1, 3)
-    numbers = np.zeros(len(points))
-    doubtful = np.ones(len(points), bool)
-    if mesh.closed:
-        caster = RayCaster(mesh.triangles)
-        numbers, other = (_crossings(caster, points, direction) for direction in _DIRECTIONS)
-        doubtful = numbers != other
-    numbers[doubtful] = winding(points[doubtful], mesh.triangles)
-    return np.abs(numbers) > 0.5
-
-
-def _crossings(caster: RayCaster, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Winding numbers (n,): triangles crossed from behind less those crossed from the front."""
-    out = np.zeros(len(points))
-    alive, origins, last = np.arange(len(points)), points, np.full(len(points), -1)
-    step = 4e-6 * np.ptp(caster.triangles, axis=(0, 1)).max()
-    while len(alive):
-        t, index = caster.hit(origins, direction)
-        a, b, c = np.moveaxis(caster.triangles[index], 1, 0)
-        sign = np.sign(np.cross(b - a, c - a) @ direction)
-        again = (index == last) & (t < 2 * step)  # rounding put the new origin in front of the triangle left
-        out[alive] += np.where((index >= 0) & ~again, sign, 0)
-        hit = index >= 0
-        origins = origins[hit] + (t[hit, None] + step) * direction
-        alive, last = alive[hit], index[hit]
+    out[used] = total[welded[used]]
     return out

@@ -138,7 +138,8 @@ def _ply_header(data: bytes, name: str) -> tuple[str, list[tuple[str, int, list[
     stop = data.find(b"\n", end) + 1
     if end < 0 or stop == 0:
         raise InputError(f"{name}: the PLY header has no end; the file is truncated")
-    order, elements = None, []
+    order: str | None = None
+    elements: list[tuple[str, int, list[tuple[str, ...]]]] = []
     try:
         for line in data[:end].decode("utf-8", "replace").splitlines()[1:]:
             match line.split():
@@ -270,7 +271,7 @@ def _read_with_trimesh(path: Path, data: bytes, suffix: str) -> tuple[np.ndarray
 
 def _check_stl(name: str, data: bytes, suffix: str) -> None:
     """A binary STL is told by its size, not by the word it starts with, which exporters get wrong."""
-    if suffix != ".stl" or b"facet" in data[:2000] and b"\0" not in data[:2000]:
+    if suffix != ".stl" or (b"facet" in data[:2000] and b"\0" not in data[:2000]):
         return
     promised = int.from_bytes(data[80:84], "little")
     if len(data) != 84 + 50 * promised:

@@ -1,0 +1,87 @@
+"""Which triangles share which edges, and the components that sharing makes.
+
+Corners are (f, 3) indices of positions; a half-edge is one side of one triangle, with its direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class HalfEdges:
+    """Half-edges of f triangles, sorted by the undirected edge they lie on."""
+
+    face: np.ndarray  # (3f,) int, face of each half-edge, sorted by edge
+    sign: np.ndarray  # (3f,) +1 where it runs from the lower vertex to the higher
+    edge: np.ndarray  # (3f,) int, edge of each half-edge
+    start: np.ndarray  # (e,) first half-edge of each edge
+    count: np.ndarray  # (e,) number of half-edges
+    net: np.ndarray  # (e,) sum of signs: the boundary of the surface
+    ends: np.ndarray  # (e, 2) lower and higher vertex
+
+    @property
+    def n_open(self) -> int:
+        """Number of directed boundary edges."""
+        return int(np.abs(self.net).sum())
+
+    @property
+    def n_odd(self) -> int:
+        """Number of edges with an odd number of triangles: the boundary whatever the winding."""
+        return int((self.count & 1).sum())
+
+
+def half_edges(corners: np.ndarray) -> HalfEdges:
+    """Half-edges of triangles given as corners (f, 3), grouped by edge."""
+    tail, head = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    low, high = np.minimum(tail, head), np.maximum(tail, head)
+    n = int(corners.max(initial=0)) + 1
+    key = low.astype(np.int64) * n + high
+    order = np.argsort(key)
+    key = key[order]
+    new = np.concatenate([[True], key[1:] != key[:-1]]) if len(key) else np.zeros(0, bool)
+    start = np.flatnonzero(new)
+    sign = np.where(tail < head, 1, -1)[order]
+    net = np.add.reduceat(sign, start) if len(start) else np.zeros(0, np.int64)
+    ends = np.stack([key[start] // n, key[start] % n], axis=1)
+    return HalfEdges(order // 3, sign, np.cumsum(new) - 1, start, np.diff(start, append=len(key)), net, ends)
+
+
+def join(a: np.ndarray, b: np.ndarray, n: int) -> np.ndarray:
+    """Component (n,) of each of n nodes under the links a-b."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(n, n))
+    return connected_components(links, directed=False)[1]
+
+
+def areas(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Areas (f,) of triangles."""
+    a, b, c = (points[corners[:, k]] for k in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def thick(points: np.ndarray, corners: np.ndarray, aspect: float) -> np.ndarray:
+    """Which triangles (f,) are higher than `aspect` times their longest side."""
+    a, b, c = (points[corners[:, k]] for k in range(3))
+    longest = np.max([((q - p) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0, initial=0)
+    return 2 * areas(points, corners) > aspect * longest
+
+
+def patches(n: int, edges: HalfEdges) -> np.ndarray:
+    """Component (n,) of each face, across edges of exactly two triangles."""
+    pair = edges.start[edges.count == 2]
+    return join(edges.face[pair], edges.face[pair + 1], n)
+
+
+def own_boundary(patch: np.ndarray, edges: HalfEdges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directed boundary of each patch apart: patch, edge and net sign (k,) where it is not zero."""
+    loose = np.flatnonzero((edges.count != 2)[edges.edge])
+    key = patch[edges.face[loose]] * np.int64(len(edges.net)) + edges.edge[loose]
+    unique, inverse = np.unique(key, return_inverse=True)
+    net = np.bincount(inverse, edges.sign[loose], minlength=len(unique)).astype(np.int64)
+    unique, net = unique[net != 0], net[net != 0]
+    return unique // len(edges.net), unique % len(edges.net), net
