@@ -16,6 +16,17 @@ DEFAULT_MATERIAL = "marble"
 DEFAULT_LIGHTS = ("directional:-0.6,-0.5,-0.65:1", "directional:0.75,-0.35,0.7:2")
 _TO_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "um": 1e-3}
 
+WINDOW_HELP = (
+    "left drag\torbit",
+    "wheel\tzoom",
+    "right drag\tpan",
+    "+ -\texposure",
+    "L\tleft drag turns the light, or again the camera",
+    "S\tsave a picture",
+    "R\treset camera and exposure",
+    "H\tthis help",
+    "Esc\tquit",
+)
 LIGHT_HELP = """lights (--light, repeatable; several add up):
   directional:DX,DY,DZ[:E]   parallel light that travels along DX,DY,DZ; E in W/mm^2, one number or R,G,B (1)
   point:X,Y,Z[:I]            lamp at X,Y,Z mm of the mesh's frame; I in W/sr, one number or R,G,B

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clsss.errors import DeviceError
-
 if TYPE_CHECKING:
     import moderngl
 
@@ -85,52 +83,6 @@ void main() {
     colour = texelFetch(picture, at, 0);
 }
 """
-
-
-def standalone_context() -> moderngl.Context:
-    """An OpenGL 3.3 context without a visible window: EGL, or else a hidden window.
-
-    Raises
-    ------
-    DeviceError
-        Neither can be had.
-    """
-    import moderngl
-
-    try:
-        return moderngl.create_context(standalone=True, require=330, backend="egl")  # type: ignore[arg-type]
-    except Exception as error:  # missing libraries, no device: each driver raises its own
-        why = [f"EGL: {' '.join(str(error).split())[:150]}"]
-    try:
-        import glfw
-
-        glfw.ERROR_REPORTING = "ignore"
-        if not glfw.init():
-            raise DeviceError("no display")
-        window_hints(visible=False)
-        window = glfw.create_window(16, 16, "clsss", None, None)
-        if not window:
-            raise DeviceError("no OpenGL 3.3")
-        glfw.make_context_current(window)
-        return moderngl.create_context(require=330)
-    except Exception as error:
-        why.append(f"hidden window: {' '.join(str(error).split())[:150]}")
-    raise DeviceError(
-        f"no OpenGL 3.3 to draw with ({'; '.join(why)}); "
-        "on Debian or Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
-    )
-
-
-def window_hints(visible: bool) -> None:
-    """Ask GLFW for the context that `Scene` needs."""
-    import glfw
-
-    glfw.window_hint(glfw.VISIBLE, visible)
-    glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, 3)
-    glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, 3)
-    glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
-    glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, True)
-    glfw.window_hint(glfw.DEPTH_BITS, 0)
 
 
 class Scene:

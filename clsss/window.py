@@ -1,0 +1,261 @@
+"""The viewer's window: grey mesh first, then the bake's progress, then its colours; mouse and keys."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clsss.camera import Camera, fitted
+from clsss.export import check_writable, display_scale, write_atomically
+from clsss.opengl import open_window
+from clsss.options import WINDOW_HELP
+from clsss.overlay import panel
+from clsss.running import bake, load, overall
+from clsss.scene import Scene
+
+if TYPE_CHECKING:
+    from clsss.lights import Light
+    from clsss.mesh import Mesh
+    from clsss.simulate import Result
+
+DEGREES_PER_POINT = 0.4
+MESSAGE_SECONDS = 4.0
+
+
+def start_camera(args: argparse.Namespace, mesh: Mesh, aspect: float) -> Camera:
+    """The camera that the options ask for, with the whole mesh in the picture at zoom 1."""
+    azimuth, elevation, zoom = args.camera
+    camera = Camera(np.zeros(3), 1.0, azimuth, elevation, args.up)
+    return fitted(mesh.vertices[np.unique(mesh.faces)], camera, aspect).zoomed(zoom)
+
+
+def save_png(picture: np.ndarray, path: Path) -> None:
+    """Write an RGB picture (h, w, 3) of bytes."""
+    from PIL import Image
+
+    out = io.BytesIO()
+    Image.fromarray(picture).save(out, "PNG")
+    write_atomically(path, out.getvalue())
+
+
+class Baker(threading.Thread):
+    """Loads and bakes beside the window, then bakes again for every new set of lights.
+
+    `events` receives a Mesh, then Results, or the error that ended it; `doing` is (stage, share done)
+    while it bakes.
+    """
+
+    def __init__(self, args: argparse.Namespace, wake: Callable[[], None]):
+        super().__init__(daemon=True)
+        self._args, self._wake = args, wake
+        self.events: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self.lights: queue.SimpleQueue[list[Light]] = queue.SimpleQueue()
+        self.doing: tuple[str, float] | None = ("reading the mesh", 0.0)
+
+    def run(self) -> None:
+        """The thread's work."""
+        try:
+            mesh = load(self._args)
+            self._post(mesh)
+            result = bake(self._args, mesh, self._progress)
+            while True:
+                self.doing = None
+                self._post(result)
+                lights = self.lights.get()
+                while not self.lights.empty():  # while it baked the light moved on
+                    lights = self.lights.get()
+                result = result.relight(lights, self._progress)
+        except BaseException as error:
+            self._post(error)
+
+    def _progress(self, stage: str, fraction: float) -> None:
+        self.doing = (stage, overall(stage, fraction))
+        self._wake()
+
+    def _post(self, event: Any) -> None:
+        self.events.put(event)
+        self._wake()
+
+
+class Window:
+    """What the window shows, and what mouse and keys do to it."""
+
+    def __init__(self, args: argparse.Namespace):
+        import glfw
+
+        self.args, self.name = args, Path(args.mesh).stem
+        self.window, context = open_window(args.window_size, f"clsss – {self.name}")
+        self.screen, self.scene = context.detect_framebuffer(), Scene(context)
+        self.baker = Baker(args, glfw.post_empty_event)
+        self.camera: Camera | None = None
+        self.result: Result | None = None
+        self.lights: list[Light] = []
+        self.exposure = args.exposure
+        self.message, self.message_ends = "", 0.0
+        self.shows_help = self.moves_light = False
+        self.pointer = glfw.get_cursor_pos(self.window)
+        self._shown: object = None
+
+    def run(self) -> None:
+        """Show the window until it is closed; raises what went wrong in the bake."""
+        import glfw
+
+        glfw.set_key_callback(self.window, self._key)
+        glfw.set_char_callback(self.window, lambda _, code: self._typed(chr(code).upper()))
+        glfw.set_scroll_callback(self.window, self._scrolled)
+        glfw.set_cursor_pos_callback(self.window, self._dragged)
+        glfw.set_window_refresh_callback(self.window, lambda _: self._draw(force=True))
+        self._draw()
+        self.baker.start()
+        while not glfw.window_should_close(self.window):
+            glfw.wait_events_timeout(0.25)
+            while not self.baker.events.empty():
+                self._take(self.baker.events.get())
+            self._draw()
+
+    def _take(self, event: Any) -> None:
+        if isinstance(event, BaseException):
+            raise event
+        if self.camera is None:
+            self.scene.set_mesh(event)
+            self._reset()
+            return
+        if self.result is None:
+            self.lights = list(event.lights)
+            self._say("press H for help")
+            self.scene.scale = display_scale(event.mesh, event.vertex_radiosity)
+        self.result = event
+        self.scene.set_radiosity(event.vertex_radiosity, self.scene.scale)
+
+    def _say(self, message: str) -> None:
+        self.message, self.message_ends = message, time.monotonic() + MESSAGE_SECONDS
+
+    def _reset(self) -> None:
+        width, height = self._size()
+        assert self.scene.mesh is not None
+        self.camera = start_camera(self.args, self.scene.mesh, width / height)
+        self.exposure = self.args.exposure
+        if self.result is not None:
+            self.scene.scale = display_scale(self.result.mesh, self.result.vertex_radiosity)
+
+    def _size(self) -> tuple[int, int]:
+        import glfw
+
+        width, height = glfw.get_framebuffer_size(self.window)
+        return max(width, 1), max(height, 1)
+
+    def _draw(self, force: bool = False) -> None:
+        """Draw, unless the picture would be the one that is shown already."""
+        import glfw
+
+        doing = self.baker.doing
+        stage = "" if doing is None else f"{doing[0]}  {100 * doing[1]:.0f} %" if doing[1] else doing[0]
+        words = stage or (self.message if time.monotonic() < self.message_ends else "")
+        state = (
+            self._size(),
+            self.camera,
+            self.exposure,
+            self.scene.scale,
+            self.result,
+            words,
+            self.shows_help,
+        )
+        if state == self._shown and not force:
+            return
+        lines = [*(WINDOW_HELP if self.shows_help else ()), *([words] if words else ())]
+        density = glfw.get_window_content_scale(self.window)[0]
+        self.scene.set_overlay(panel(lines, density, doing and doing[1]) if lines else None)
+        glfw.set_window_title(self.window, " – ".join(filter(None, ("clsss", self.name, stage))))
+        self.scene.draw(self.screen, self._size(), self.camera, self.exposure)
+        glfw.swap_buffers(self.window)
+        self._shown = state
+
+    def _key(self, window: Any, key: int, scancode: int, action: int, modifiers: int) -> None:
+        import glfw
+
+        if key == glfw.KEY_ESCAPE and action == glfw.PRESS:
+            glfw.set_window_should_close(window, True)
+
+    def _typed(self, letter: str) -> None:
+        if letter in "+=-_":
+            self.exposure += 0.25 if letter in "+=" else -0.25
+            self._say(f"exposure {self.exposure:+.2f} EV")
+        elif letter == "H":
+            self.shows_help = not self.shows_help
+        elif letter == "R" and self.camera is not None:
+            self._reset()
+        elif letter == "S" and self.camera is not None:
+            self._save()
+        elif letter == "L" and self.result is not None:
+            self.moves_light = not self.moves_light
+            self._say("drag turns the " + ("light" if self.moves_light else "camera"))
+
+    def _save(self) -> None:
+        number = 1
+        while (path := Path(f"clsss-{self.name}-{number}.png")).exists():
+            number += 1
+        self.scene.set_overlay(None)
+        try:
+            save_png(self.scene.picture(self._size(), self.camera, self.exposure), check_writable(path))
+            self._say(f"saved {path}")
+        except ValueError as error:
+            self._say(str(error))
+
+    def _scrolled(self, window: Any, across: float, down: float) -> None:
+        if self.camera is not None:
+            self.camera = self.camera.zoomed(1.12**down)
+
+    def _dragged(self, window: Any, x: float, y: float) -> None:
+        import glfw
+
+        dx, dy = x - self.pointer[0], y - self.pointer[1]
+        self.pointer = (x, y)
+        if self.camera is None:
+            return
+        left, middle, right = (
+            glfw.get_mouse_button(window, button) == glfw.PRESS
+            for button in (glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_MIDDLE, glfw.MOUSE_BUTTON_RIGHT)
+        )
+        shift = glfw.PRESS in (glfw.get_key(window, k) for k in (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT))
+        if middle or right or (left and shift):
+            height = glfw.get_window_size(window)[1]
+            self.camera = self.camera.panned(-dx / height, dy / height)
+        elif left and self.moves_light:
+            self._turn_lights(np.radians(DEGREES_PER_POINT) * dx, np.radians(DEGREES_PER_POINT) * dy)
+        elif left:
+            self.camera = self.camera.orbited(-DEGREES_PER_POINT * dx, DEGREES_PER_POINT * dy)
+
+    def _turn_lights(self, across: float, down: float) -> None:
+        assert self.camera is not None
+        assert self.scene.mesh is not None
+        right, over, _ = self.camera.axes()
+        turn = rotation(right, down) @ rotation(over, across)
+        self.lights = [turned(light, turn, self.scene.mesh.bounds.mean(axis=0)) for light in self.lights]
+        self.baker.lights.put(self.lights)
+
+
+def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
+    """The right-handed rotation (3, 3) by `angle` radians around a unit axis (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def turned(light: Light, turn: np.ndarray, centre: np.ndarray) -> Light:
+    """The light turned around the centre of the mesh; light from all around and from inside stays."""
+    from clsss.lights import DirectionalLight, PointLight
+
+    if isinstance(light, DirectionalLight):
+        return replace(light, direction=turn @ light.direction)
+    if isinstance(light, PointLight):
+        return replace(light, position=centre + turn @ (light.position - centre))
+    return light
