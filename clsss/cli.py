@@ -106,9 +106,7 @@ def list_materials(args: argparse.Namespace) -> None:
     if args.name:
         print(_describe(material(args.name)))
         return
-    print(
-        f"{'':30}{'sigma_a [1/mm]':^25} {'sigma_s′ [1/mm]':^23} {'eta':>5} {'path':>7} {'spread':>7}  colour"
-    )
+    print(" " * 30 + f"{'sigma_a [1/mm]':^25}" + " sigma_s' [1/mm]           eta    path  spread  colour")
     for name in materials():
         entry = material(name)
         print(
@@ -141,7 +139,7 @@ def _swatch(entry: Material) -> str:
 def _describe(entry: Material) -> str:
     rows = [
         ("absorption sigma_a", entry.sigma_a, "1/mm"),
-        ("reduced scattering sigma_s′", entry.sigma_s_prime, "1/mm"),
+        ("reduced scattering sigma_s'", entry.sigma_s_prime, "1/mm"),
         ("mean free path 1/sigma_tr", 1 / entry.sigma_tr, "mm"),
         ("attenuation sigma_eff", entry.sigma_eff, "1/mm"),
         ("reduced albedo", entry.albedo, ""),

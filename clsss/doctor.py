@@ -69,4 +69,4 @@ def _try_opengl(name: str, attempt: str) -> str:
     if done.returncode == 0:
         return f"works  {name}: {done.stdout.strip()}"
     last = (done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
-    return f"FAILS  {name}: {last[:200]}"
+    return f"FAILS  {name}: {last.removeprefix('clsss.errors.DeviceError: ')[:200]}"

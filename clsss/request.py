@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ def mesh_from(args: argparse.Namespace) -> Mesh:
     if args.mesh == DEMO and not Path(DEMO).exists():
         from clsss.demo import demo_mesh
 
-        return load_mesh(demo_mesh(), size=args.size or DEMO_SIZE)
+        return replace(load_mesh(demo_mesh(), size=args.size or DEMO_SIZE), name=DEMO)
     return load_mesh(args.mesh, size=args.size)
 
 

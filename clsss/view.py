@@ -42,7 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     add_shared(parser)
     parser.add_argument("--screenshot", metavar="OUT.png", help="write this picture and open no window")
     parser.add_argument(
-        "--window-size", type=_window_size, default=(1280, 720), metavar="WxH", help="(1280x720)"
+        "--window-size", type=_window_size, default=(1280, 720), metavar="WxH", help="of window or picture, in pixels (1280x720)"
     )
     parser.add_argument(
         "--camera",

@@ -1,0 +1,295 @@
+"""The command line: grammar, exit codes, one line for an error, nothing written on failure."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clsss import cli, images, options, request, running
+from clsss.errors import DeviceError, InputError
+
+ROOT = Path(__file__).parent.parent
+
+
+def parsed(*words):
+    parser = argparse.ArgumentParser()
+    options.add_shared(parser)
+    parser.add_argument("--camera")
+    return options.parse(parser, ["mesh.ply", *words])
+
+
+def box(size=20.0):
+    bounds = np.array([[-1, 0, 0], [1, 1, 1]]) * size / 2 + 3
+    return SimpleNamespace(bounds=bounds, size=size)
+
+
+def clsss(*words, **options):
+    """Run the command in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "clsss", *map(str, words)], capture_output=True, text=True, cwd=ROOT, **options
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "mm"), [("20", 20), ("20mm", 20), ("2cm", 20), ("0.1m", 100), ("1in", 25.4), ("1e1 mm", 10)]
+)
+def test_length(text, mm):
+    assert options.length(text) == pytest.approx(mm)
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1", "3ly", "nan", "inf", "mm", "1,5"])
+def test_bad_length(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="write 20, 20mm"):
+        options.length(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["sun", "directional:", "directional:1,2", "directional:0,0,0", "point:1,2,x", "point:1,2,3:1,2", "env:"],
+)
+def test_bad_light(text):
+    with pytest.raises(argparse.ArgumentTypeError):
+        options.light(text)
+
+
+def test_directional_light():
+    (sun,) = request.lights_from(parsed("--light", "directional:0,0,-2:1,2,3"), box())
+    np.testing.assert_allclose(sun.direction, (0, 0, -1))
+    np.testing.assert_allclose(sun.irradiance, (1, 2, 3))
+
+
+def test_point_light_in_mm_and_in_half_sides_of_the_box():
+    mesh = box()
+    args = parsed("--light", "point:1,2,3:5", "--light", "point:0,1.5,0b")
+    lamp, above = request.lights_from(args, mesh)
+    np.testing.assert_allclose(lamp.position, (1, 2, 3))
+    np.testing.assert_allclose(lamp.intensity, 5)
+    centre, half = mesh.bounds.mean(axis=0), np.ptp(mesh.bounds, axis=0) / 2
+    np.testing.assert_allclose(above.position - centre, (0, 1.5 * half[1], 0), atol=1e-12)
+    np.testing.assert_allclose(above.intensity, (1.5 * half[1]) ** 2)  # 1 W/mm^2 at the centre
+
+
+def test_default_lights_follow_the_up_axis():
+    for y, z in zip(
+        request.lights_from(parsed(), box()), request.lights_from(parsed("--up", "z"), box()), strict=True
+    ):
+        np.testing.assert_allclose(z.direction, y.direction[[0, 2, 1]] * (1, -1, 1))
+        assert y.direction[1] < 0  # from above
+
+
+def test_environment(tmp_path):
+    pixels = np.array([[[128, 64, 32, 129], [0, 0, 0, 0]]], np.uint8)
+    path = tmp_path / "himmel über.hdr"
+    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n" + pixels.tobytes())
+    (sky,) = request.lights_from(parsed("--light", f"env:{path}", "--up", "z"), box())
+    np.testing.assert_allclose(sky.radiance, [[[1, 0.5, 0.25], [0, 0, 0]]])
+    assert sky.up == "z"
+    (grey,) = request.lights_from(parsed("--light", "env:0.5"), box())
+    np.testing.assert_allclose(grey.radiance, 0.5)
+
+
+def test_run_length_encoded_hdr(tmp_path):
+    width = 16
+    run, literal = bytes((128 + width, 128)), bytes((width, *range(100, 100 + width)))
+    row = bytes((2, 2, 0, width)) + run + literal + run + bytes((128 + width, 128))
+    header = b"#?RADIANCE\n\n-Y 2 +X 16\n"
+    (tmp_path / "a.hdr").write_bytes(header + 2 * row)
+    expected = np.full((2, width, 3), 0.5)
+    expected[..., 1] = np.arange(100, 100 + width) / 256
+    np.testing.assert_allclose(images.read_radiance(tmp_path / "a.hdr"), expected)
+    (tmp_path / "short.hdr").write_bytes(header + row + row[:9])
+    with pytest.raises(InputError, match="no complete Radiance picture"):
+        images.read_radiance(tmp_path / "short.hdr")
+
+
+def test_png_is_decoded_from_srgb(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    image.new("RGB", (2, 1), (188, 255, 0)).save(tmp_path / "a.png")
+    np.testing.assert_allclose(images.read_radiance(tmp_path / "a.png")[0, 0], (0.503, 1, 0), atol=1e-3)
+    (tmp_path / "b.png").write_text("no picture")
+    with pytest.raises(InputError, match="no picture"):
+        images.read_radiance(tmp_path / "b.png")
+
+
+def test_materials_by_name_by_numbers_and_overridden():
+    mesh = box()
+    assert request.medium_from(parsed(), mesh).name == "marble"
+    own = request.medium_from(parsed("--sigma-a", "0.1", "--sigma-s", "1,2,3", "--g", "0.5"), mesh)
+    np.testing.assert_allclose(own.sigma_a, 0.1)
+    np.testing.assert_allclose(own.sigma_s, (1, 2, 3))
+    assert (own.g, own.eta) == (0.5, 1.0)
+    marble = request.medium_from(parsed("--material", "marble"), mesh)
+    glassy = request.medium_from(parsed("--material", "marble", "--eta", "1.2", "--g", "0.5"), mesh)
+    np.testing.assert_allclose(glassy.sigma_s_prime, marble.sigma_s_prime)
+    assert (glassy.eta, glassy.g) == (1.2, 0.5)
+
+
+def test_mix():
+    mix = request.medium_from(parsed("--mix", "ketchup:2mm:7"), box())
+    assert (mix.a.name, mix.b.name, mix.weight.scale, mix.weight.seed) == ("marble", "ketchup", 2.0, 7)
+    assert request.medium_from(parsed("--mix", "ketchup"), box(20)).weight.scale == 5
+
+
+def test_material_file(tmp_path):
+    path = tmp_path / "grünes wachs.toml"
+    path.write_text(
+        'name = "wax"\nsigma_a = [0.1, 0.2, 0.3]\nsigma_s_prime = 2\neta = 1.4\n', encoding="utf-8"
+    )
+    wax = request.medium_from(parsed("--material", str(path)), box())
+    np.testing.assert_allclose(wax.sigma_a, (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(wax.sigma_s_prime, 2)
+    assert (wax.name, wax.eta) == ("wax", 1.4)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("sigma_a = 1\nsigma_t = 2", "did you mean sigma_"),
+        ("sigma_a = 1", "needs sigma_a and one of"),
+        ("sigma_a = 1\nsigma_s = 1\nsigma_s_prime = 1", "needs sigma_a and one of"),
+        ("sigma_a = -1\nsigma_s = 1", "sigma_a"),
+        ("sigma_a = 'x'\nsigma_s = 1", "sigma_a"),
+        ("sigma_a = ", "no TOML"),
+    ],
+)
+def test_bad_material_file(tmp_path, text, says):
+    path = tmp_path / "m.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=says) as caught:
+        request.material_file(str(path))
+    assert str(path) in str(caught.value)
+
+
+def test_values_may_begin_with_a_minus_sign():
+    assert parsed("--camera", "-30,15").camera == "-30,15"
+    assert parsed("--exposure", "-1").exposure == -1
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (InputError("mesh: bad\nthing"), 1, "clsss: error: mesh: bad thing\n"),
+        (DeviceError("no device"), 1, "clsss: error: no device\n"),
+        (MemoryError(), 1, "clsss: error: not enough memory; lower --resolution\n"),
+        (OSError(28, "No space left on device", "x"), 1, "clsss: error: x: No space left on device\n"),
+        (KeyboardInterrupt(), 130, ""),
+    ],
+)
+def test_every_end_has_a_code_and_at_most_one_line(capsys, error, code, says):
+    def command():
+        raise error
+
+    assert running.run(command) == code
+    assert capsys.readouterr().err == says
+
+
+def test_a_bug_is_one_line_too(capsys):
+    assert running.run(lambda: [][0]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_progress_covers_the_whole_bake():
+    shares = [
+        running.overall(stage, f)
+        for stage in ("octree", "cut cells", "source", "solve", "surface")
+        for f in (0, 1)
+    ]
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0, pytest.approx(1))
+
+
+def test_wrong_usage_is_2():
+    for words in (
+        [],
+        ["bake"],
+        ["bake", "x", "-o", "y.glb", "--size", "big"],
+        ["bake", "x", "-o", "y.glb", "--sigma-a", "1"],
+    ):
+        done = clsss(*words)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("output", ["out.stl", "missing folder/out.glb"])
+def test_bad_output_is_told_before_anything_is_read(tmp_path, output):
+    done = clsss("bake", tmp_path / "no such mesh.ply", "-o", tmp_path / output)
+    assert done.returncode == 1
+    assert done.stderr.startswith("clsss: error: ")
+    assert output in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_missing_mesh(tmp_path):
+    pytest.importorskip("clsss.mesh")
+    done = clsss("bake", tmp_path / "größe x.ply", "-o", tmp_path / "a.glb")
+    assert done.returncode == 1
+    assert done.stderr.startswith("clsss: error: ")
+    assert "größe x.ply" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_materials_lists_all_and_shows_one(capsys):
+    args = SimpleNamespace(name=None)
+    cli.list_materials(args)
+    assert "marble " in capsys.readouterr().out
+    cli.list_materials(SimpleNamespace(name="marble"))
+    assert "2.19" in capsys.readouterr().out
+
+
+def test_unknown_material_is_one_line():
+    done = clsss("materials", "marbel")
+    assert done.returncode == 1
+    assert done.stderr.startswith("clsss: error: ")
+    assert "marble" in done.stderr
+
+
+def test_reader_that_leaves_early():
+    code = f"{sys.executable} -m clsss materials | head -c 1; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode in (0, 130)  # 0 if all was written before the reader left
+    assert done.stderr == ""
+
+
+STUCK = """
+import sys, time, types
+from clsss import cli, running
+running.load = lambda args: None
+running.bake = lambda args, mesh, progress: (print("baking", flush=True), time.sleep(60))
+cli.main()
+"""
+
+
+def test_interrupt_ends_a_bake_at_once(tmp_path):
+    words = [sys.executable, "-c", STUCK, "bake", "x.ply", "-o", str(tmp_path / "x.glb")]
+    process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "baking\n"
+    start = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=10)
+    assert time.monotonic() - start < 1
+    assert (process.returncode, errors) == (130, "")
+    assert os.listdir(tmp_path) == []
+
+
+def test_bake_writes_mesh_and_report(tmp_path):
+    pytest.importorskip("clsss.simulate")
+    pytest.importorskip("clsss.demo")
+    done = clsss(
+        "bake", "demo", "-o", tmp_path / "a.ply", "--report", tmp_path / "r.json", "--resolution", "16"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "size: 20 mm (the demonstration mesh)" in done.stderr
+    assert json.loads((tmp_path / "r.json").read_text())["solve"]["converged"]
+    assert sorted(os.listdir(tmp_path)) == ["a.ply", "r.json"]
+    quiet = clsss("bake", tmp_path / "a.ply", "-o", tmp_path / "b.glb", "--resolution", "16", "--quiet")
+    assert (quiet.returncode, quiet.stderr) == (0, "")

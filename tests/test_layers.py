@@ -1,0 +1,100 @@
+"""A module imports only from lower layers; heavy libraries stay in their one place and load late."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "clsss"
+LAYERS = {
+    -1: ["errors"],
+    0: [
+        "device",
+        "materials",
+        "meshfile",
+        "halfedges",
+        "demo",
+        "analytic",
+        "analytic_sphere",
+        "images",
+        "camera",
+    ],
+    0.1: ["media", "lights", "rays", "options", "opengl", "overlay", "winding"],
+    0.2: ["repair", "scene", "doctor"],
+    0.3: ["mesh"],
+    1: ["cutcell", "reference"],
+    2: ["octree"],
+    3: ["source", "diffusion"],
+    4: ["multigrid", "surface"],
+    5: ["simulate"],
+    6: ["export", "request"],
+    6.1: ["running"],
+    6.2: ["window"],
+    7: ["view"],
+    8: ["cli"],
+    9: ["__main__"],
+}
+LAYER_OF = {module: layer for layer, modules in LAYERS.items() for module in modules}
+# A result saves itself: the one call from below.
+UPWARD = {("simulate", "export")}
+ONLY_IN = {
+    "pyopencl": {"device", "doctor"},
+    "trimesh": {"mesh", "meshfile", "rays", "repair", "demo", "export"},
+    "embreex": {"mesh", "rays"},
+    "moderngl": {"opengl", "scene", "doctor"},
+    "glfw": {"opengl", "window"},
+}
+MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
+
+
+def imports(module: str) -> list[tuple[str, bool]]:
+    """Every module imported, as (dotted name, whether only for type checkers)."""
+    tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
+    typing_only = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        for child in node.body
+        for inner in ast.walk(child)
+    }
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            parts = [f"clsss.{alias.name}" for alias in node.names]
+            names = parts if node.module == "clsss" else [node.module or ""]
+        else:
+            continue
+        found += [(name, id(node) in typing_only) for name in names]
+    return found
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_imports_only_lower_layers(module):
+    assert module in LAYER_OF, f"give {module} a layer"
+    for name, typing_only in imports(module):
+        package, _, other = name.partition(".")
+        if package == "clsss" and other and not typing_only and (module, other) not in UPWARD:
+            assert LAYER_OF[other] < LAYER_OF[module], f"{module} imports {other}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_libraries_stay_in_their_place(module):
+    for name, typing_only in imports(module):
+        package = name.partition(".")[0]
+        if package in ONLY_IN and not typing_only:
+            assert module in ONLY_IN[package], f"{module} imports {package}"
+
+
+@pytest.mark.parametrize("module", ["clsss", "clsss.cli", "clsss.view"])
+def test_import_is_light(module):
+    heavy = ["scipy", "trimesh", "embreex", "pyopencl", "moderngl", "glfw", "PIL", "manifold3d", "meshio"]
+    code = f"import sys, {module}; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
+                          cwd=PACKAGE.parent)  # fmt: skip
+    assert done.stdout.strip() == "[]"

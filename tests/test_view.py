@@ -1,0 +1,199 @@
+"""The picture: its colours are the radiosity, the mesh is in its middle; the viewer's options and thread."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clsss import view
+from clsss.camera import Camera, fitted
+from clsss.errors import DeviceError
+from clsss.export import srgb_encode
+from clsss.overlay import panel
+from clsss.window import Baker, rotation, turned
+
+SIZE = (160, 90)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    pytest.importorskip("moderngl")
+    from clsss.opengl import standalone_context
+    from clsss.scene import Scene
+
+    try:
+        return Scene(standalone_context())
+    except DeviceError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def square():
+    """Two triangles that face +z, 2 mm wide."""
+    vertices = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    return SimpleNamespace(
+        vertices=vertices,
+        faces=np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        normals=np.tile([0, 0, 1.0], (4, 1)),
+    )
+
+
+def front(mesh):
+    return fitted(mesh.vertices, Camera(np.zeros(3), 1.0, 0, 0), SIZE[0] / SIZE[1])
+
+
+def test_background_alone(scene):
+    picture = scene.picture(SIZE, None)
+    assert picture.shape == (SIZE[1], SIZE[0], 3)
+    assert picture.min() > 10
+    assert picture.max() < 80
+
+
+def test_grey_before_the_bake(scene, square):
+    scene.set_mesh(square)
+    middle = scene.picture(SIZE, front(square))[45, 80].astype(int)
+    assert np.ptp(middle) <= 1
+    assert middle[0] > 120
+
+
+@pytest.mark.parametrize("exposure", [0, -2])
+def test_pixels_are_the_radiosity(scene, square, exposure):
+    radiosity, scale = np.array([0.05, 0.2, 0.35]), 2.0
+    scene.set_mesh(square)
+    scene.set_radiosity(np.tile(radiosity, (4, 1)), scale)
+    picture = scene.picture(SIZE, front(square), exposure).astype(int)
+    expected = 255 * srgb_encode(radiosity * scale * 2.0**exposure)
+    assert np.abs(picture[30:60, 60:100] - expected).max() <= 1
+    assert picture[2, 2].max() < 80  # background in the corner
+
+
+def test_radiosity_is_linear_across_triangles(scene, square):
+    scene.set_mesh(square)
+    scene.set_radiosity(np.where(square.vertices[:, :1] > 0, 0.6, 0.2) * np.ones(3), 1.0)
+    picture = scene.picture(SIZE, front(square)).astype(int)
+    assert np.abs(picture[20:70, 79:81] - 255 * srgb_encode(np.float64(0.4))).max() <= 2
+    assert np.all(np.diff(picture[45, 50:110, 0]) >= -1)
+
+
+def test_highlights_keep_their_hue_and_never_clip(scene, square):
+    scene.set_mesh(square)
+    values = []
+    for strength in (1, 2, 4, 8):
+        scene.set_radiosity(np.tile([strength, strength / 2, strength / 4], (4, 1)), 1.0)
+        values.append(scene.picture(SIZE, front(square))[45, 80].astype(int))
+    assert all(r > g > b for r, g, b in values)
+    assert all(a[2] < b[2] for a, b in itertools.pairwise(values))
+
+
+def test_nan_is_black(scene, square):
+    scene.set_mesh(square)
+    scene.set_radiosity(np.full((4, 3), np.nan), 1.0)
+    assert scene.picture(SIZE, front(square))[45, 80].max() <= 1
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize("angles", [(0, 0), (30, 15), (200, -70)])
+def test_a_fitted_mesh_fills_the_picture_and_nothing_is_cut(up, angles):
+    points = np.random.default_rng(1).normal(size=(500, 3)) * (1, 5, 2) + 40
+    camera = fitted(points, Camera(np.zeros(3), 1.0, *angles, up), 16 / 9)
+    clip = np.hstack([points, np.ones((500, 1))]) @ camera.matrix(16 / 9, 60).T
+    seen = np.abs(clip[:, :3] / clip[:, 3:])
+    assert seen.max() < 1
+    assert seen[:, :2].max() == pytest.approx(0.88, abs=1e-9)
+
+
+def test_axes_are_right_handed_and_up_is_up():
+    for up, axis in (("y", 1), ("z", 2)):
+        axes = Camera(np.zeros(3), 1.0, 50, 20, up).axes()
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+        assert np.linalg.det(axes) == pytest.approx(1)
+        assert axes[0, axis] == 0
+        assert axes[1, axis] > 0.9
+    np.testing.assert_allclose(Camera(np.zeros(3), 1.0, 0, 0, "z").axes()[2], (0, -1, 0))
+
+
+def test_lights_turn_around_the_mesh():
+    from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
+
+    quarter = rotation(np.array([0, 0, 1.0]), np.pi / 2)
+    centre = np.array([1.0, 1, 0])
+    np.testing.assert_allclose(
+        turned(DirectionalLight((1, 0, 0), 3), quarter, centre).direction, (0, 1, 0), atol=1e-15
+    )
+    np.testing.assert_allclose(turned(PointLight((3, 1, 0)), quarter, centre).position, (1, 3, 0), atol=1e-15)
+    sky = EnvironmentLight(1.0)
+    assert turned(sky, quarter, centre) is sky
+
+
+def test_overlay_grows_with_its_text_and_its_bar_with_progress():
+    short, long = panel(["a"]), panel(["a", "key\tmeaning that is long"])
+    assert long.shape > short.shape
+    assert short.shape[2] == 4
+    filled = [
+        np.count_nonzero((panel(["solve"], fraction=f)[..., :3] == (226, 160, 92)).all(axis=2))
+        for f in (0.1, 0.9)
+    ]
+    assert filled[1] > 5 * filled[0]
+
+
+def test_baker_reports_mesh_then_results_and_takes_the_last_lights(monkeypatch):
+    def result(lights):
+        return SimpleNamespace(lights=lights, relight=lambda new, progress: result(new))
+
+    monkeypatch.setattr("clsss.window.load", lambda args: "mesh")
+    monkeypatch.setattr(
+        "clsss.window.bake", lambda args, mesh, progress: progress("solve", 0.5) or result("first")
+    )
+    baker = Baker(SimpleNamespace(), lambda: None)
+    for lights in ("dropped", "last"):
+        baker.lights.put(lights)
+    baker.start()
+    assert baker.events.get(timeout=5) == "mesh"
+    assert [baker.events.get(timeout=5).lights for _ in range(2)] == ["first", "last"]
+
+
+def test_baker_hands_over_its_error(monkeypatch):
+    monkeypatch.setattr("clsss.window.load", lambda args: [][0])
+    baker = Baker(SimpleNamespace(), threading.Event().set)
+    baker.start()
+    assert isinstance(baker.events.get(timeout=5), IndexError)
+
+
+@pytest.mark.parametrize("text", ["1", "1,2,3,4", "0,90", "0,0,0", "a,b"])
+def test_bad_camera(text):
+    with pytest.raises(argparse.ArgumentTypeError):
+        view._camera(text)
+
+
+@pytest.mark.parametrize("text", ["", "12", "1x1", "800x99999", "axb"])
+def test_bad_window_size(text):
+    with pytest.raises(argparse.ArgumentTypeError):
+        view._window_size(text)
+
+
+def test_screenshot_of_the_demonstration_mesh(tmp_path):
+    pytest.importorskip("clsss.simulate")
+    pytest.importorskip("clsss.demo")
+    image = pytest.importorskip("PIL.Image")
+    words = [
+        "demo",
+        "--screenshot",
+        str(tmp_path / "größe 1.png"),
+        "--window-size",
+        "160x90",
+        "--resolution",
+        "16",
+    ]
+    args = view.parse(view._parser(), [*words, "--quiet"])
+    try:
+        view.screenshot(args)
+    except DeviceError as error:
+        pytest.skip(str(error))
+    with image.open(tmp_path / "größe 1.png") as picture:
+        assert picture.size == (160, 90)
+        assert np.asarray(picture).max() > 120
