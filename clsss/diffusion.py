@@ -1,0 +1,233 @@
+"""The discrete diffusion equation on the octree: coefficients of every level, residual, boundary values.
+
+    sum_f G_f + A_B phi_B / (2A) + sigma_a V phi = Q,     G_f = T_f (phi_i + g_i . tau_i - phi_j - g_j . tau_j)
+
+The unknown is the fluence at the centroids of the (cut) cells. Two-point fluxes between centroids make the
+symmetric part that multigrid inverts; gradients g carry both values along the face to its centroid, which makes
+the whole second order at cut cells and between levels.
+
+References
+----------
+Haber et al. 2005, eq. (4), (5), (7), (8), with the signs and factors of 4 pi set right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clsss.device import Buffer, Device
+from clsss.octree import Octree
+
+CHANNELS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """A medium on the cells of an octree: per level, or one value where it is homogeneous.
+
+    Attributes
+    ----------
+    D : list of (n, 4) real, device, or of REAL4
+        Diffusion coefficient [mm] of each level.
+    sigma_a, sigma_s : likewise
+        Absorption and (reduced) scattering [1/mm].
+    fresnel_A : float
+        Boundary constant A.
+    eta : float
+        Relative index of refraction.
+    """
+
+    homogeneous: bool
+    D: list[Any]
+    sigma_a: list[Any]
+    sigma_s: list[Any]
+    fresnel_A: float
+    eta: float
+
+    @property
+    def defines(self) -> tuple[str, ...]:
+        """What kernels are built with."""
+        return () if self.homogeneous else ("HETEROGENEOUS",)
+
+
+@dataclass(frozen=True, eq=False)
+class Operator:
+    """The operator of every level (kernels/coefficients.cl), and the gradients' weights on the cut cells.
+
+    Attributes
+    ----------
+    T : list of (n, 6) real, or (n, 6, 4), device
+        Transmissibility of each face: [mm] where the medium is homogeneous and the equation scaled by 1/D,
+        otherwise [mm^2].
+    absorb : list of (n, 4) real, device
+        Absorption and exitance per fluence, in the same scale.
+    weight : list of (n, 4) real, device
+        Weights of the prolongation to each level but the coarsest.
+    irregular : (m,) int32, device
+        Finest cells with a face whose flux has second-order terms.
+    inverse : (n_cut, 6, 4) real, device
+        Pseudo-inverses of the gradients' normal equations.
+    slope : (n_cut, 3, 4) real, device
+        Gradients of the last field that a residual was taken of, per cell width.
+    """
+
+    octree: Octree
+    medium: Coefficients
+    T: list[Buffer]
+    absorb: list[Buffer]
+    weight: list[Buffer | None]
+    irregular: Buffer
+    inverse: Buffer
+    slope: Buffer
+
+
+def channels(values: np.ndarray) -> np.ndarray:
+    """RGB (..., 3) with a spare fourth channel that repeats the third."""
+    return np.concatenate([values, values[..., 2:]], axis=-1)
+
+
+def cell_points(octree: Octree) -> list[np.ndarray]:
+    """Centroids of the cells of each level (n, 3) [mm]."""
+    points = [octree.grid.to_mm((level.ijk + 0.5) * 2**level.depth) for level in octree.levels]
+    cut = octree.cut.cell.get()
+    local = octree.cut.centroid.get()[:, :3].astype(float)
+    points[-1][cut] = octree.grid.to_mm(octree.finest.ijk[cut] + local)
+    return points
+
+
+def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float) -> Coefficients:
+    """Coefficients of a medium at the cells of an octree.
+
+    Scattering is reduced by similarity, sigma_s' = (1 - g) sigma_s.
+    """
+    n_levels = len(octree.levels)
+    if medium.homogeneous:
+        sigma_a, sigma_s = medium.coefficients(np.zeros((1, 3)))
+        reduced = (1 - medium.g) * sigma_s[0]
+        values = [1 / (3 * (sigma_a[0] + reduced)), sigma_a[0], reduced]
+        lists = [[device.vector(channels(v))] * n_levels for v in values]
+        return Coefficients(True, *lists, fresnel_A, medium.eta)
+    lists = [[], [], []]
+    for points in cell_points(octree):
+        sigma_a, sigma_s = medium.coefficients(points)
+        reduced = (1 - medium.g) * sigma_s
+        for out, v in zip(lists, (1 / (3 * (sigma_a + reduced)), sigma_a, reduced), strict=True):
+            out.append(device.array(channels(v)))
+    return Coefficients(False, *lists, fresnel_A, medium.eta)
+
+
+def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Operator:
+    """Assemble the operator on every level, finest first."""
+    cut, A, defines = octree.cut, float(medium.fresnel_A), medium.defines
+    per_face = (6,) if medium.homogeneous else (6, CHANNELS)
+    T = [device.empty((level.n, *per_face)) for level in octree.levels]
+    absorb = [device.empty((level.n, CHANNELS)) for level in octree.levels]
+    finest = octree.finest
+    kernel = device.kernel("coefficients", "finest_coefficients", *defines)
+    device.run(kernel, finest.n, finest.n, finest.h, A, medium.D[-1], medium.sigma_a[-1], finest.nbr,
+               octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid,
+               T[-1], absorb[-1])  # fmt: skip
+    kernel = device.kernel("coefficients", "coarse_coefficients", *defines)
+    for k in range(len(T) - 2, -1, -1):
+        level = octree.levels[k]
+        device.run(kernel, level.n, level.n, level.h, medium.D[k], medium.sigma_a[k], level.nbr, level.is_leaf,
+                   level.child, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
+    kernel = device.kernel("coefficients", "interpolation_weights", *defines)
+    weight: list[Buffer | None] = [None]
+    for level, t in zip(octree.levels[1:], T[1:], strict=True):
+        weight.append(device.empty((level.n, 4)))
+        device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
+    inverse = device.empty((cut.n, 6, CHANNELS))
+    kernel = device.kernel("gradient", "gradient_inverse", *defines)
+    device.run(kernel, cut.n, cut.n, finest.h, A, octree.grid.dims, medium.D[-1], octree.block, octree.brick,
+               finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
+               inverse)  # fmt: skip
+    slope = device.empty((cut.n, 3, CHANNELS))
+    return Operator(octree, medium, T, absorb, weight, _irregular(device, octree), inverse, slope)
+
+
+def _irregular(device: Device, octree: Octree) -> Buffer:
+    """Cut cells and their face neighbours."""
+    nbr, n = octree.finest.nbr.get(), octree.finest.n
+    cut = octree.cut.cell.get()
+    flag = np.zeros(n + octree.finest.n_ghost, bool)
+    flag[cut] = True
+    flag[nbr[cut]] = True
+    return device.array(np.flatnonzero(flag[:n]).astype(np.int32))
+
+
+class Residual:
+    """Residual of the second-order operator over all leaves, r = Q - A_h phi.
+
+    Parameters
+    ----------
+    device : Device
+    op : Operator
+    """
+
+    def __init__(self, device: Device, op: Operator):
+        self.device, self.op = device, op
+        d = op.medium.defines
+        self._average = device.kernel("restrict", "average", *d)
+        self._carry = device.kernel("prolong", "carry_ghosts")
+        self._residual = device.kernel("residual", "residual", *d)
+        self._of_leaves = device.kernel("residual", "residual_of_leaves", *d)
+        self._reflux = device.kernel("residual", "reflux", *d)
+        self._gradient = device.kernel("gradient", "gradient", *d)
+        self._correct = device.kernel("gradient", "correct_residual", *d)
+        self._boundary = device.kernel("gradient", "boundary_value", *d)
+
+    def complete(self, phi: list[Buffer]) -> None:
+        """Fill what depends on the leaves: covered cells, ghosts, and `op.slope`."""
+        run, op, levels = self.device.run, self.op, self.op.octree.levels
+        for coarse, x, x_fine in zip(levels[-2::-1], phi[-2::-1], phi[:0:-1], strict=True):
+            run(self._average, coarse.n, coarse.n, coarse.is_leaf, coarse.child, x_fine, x)
+        for k, fine in enumerate(levels[1:]):
+            coarse = levels[k]
+            m = coarse.interface.shape[0]
+            run(self._carry, m, m, coarse.n, fine.n, coarse.interface, coarse.interface_start, coarse.nbr,
+                fine.ghost_face, fine.position, phi[k], phi[k + 1])  # fmt: skip
+        octree, cut, finest = op.octree, op.octree.cut, levels[-1]
+        run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, octree.grid.dims, op.medium.D[-1],
+            octree.block, octree.brick, finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary,
+            cut.normal, op.inverse, phi[-1], op.slope)  # fmt: skip
+
+    def __call__(self, phi: list[Buffer], b: list[Buffer], r: list[Buffer]) -> None:
+        """Overwrite `r` with b - A_h phi on the leaves, zero on covered cells.
+
+        Parameters
+        ----------
+        phi : list of (n + n_ghost, 4) real, device
+            Fluence [W/mm^2]; its covered cells and ghosts are filled.
+        b, r : list of (n, 4) real, device
+            Right-hand side and residual, integrated over cells, in the scale of the operator.
+        """
+        self.complete(phi)
+        run, op, octree, levels = self.device.run, self.op, self.op.octree, self.op.octree.levels
+        finest, cut, T = levels[-1], octree.cut, op.T
+        run(self._residual, finest.n, finest.n, finest.nbr, T[-1], op.absorb[-1], b[-1], phi[-1], r[-1])
+        for k, level in enumerate(levels[:-1]):
+            run(self._of_leaves, level.n, level.n, level.nbr, level.is_leaf, T[k], op.absorb[k], b[k], phi[k], r[k])
+            fine, m = levels[k + 1], level.interface.shape[0]
+            run(self._reflux, m, m, fine.n, level.interface, level.interface_start, fine.ghost_face, T[k + 1],
+                phi[k + 1], r[k])  # fmt: skip
+        m = op.irregular.shape[0]
+        run(self._correct, m, m, finest.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.irregular, finest.nbr,
+            octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid, T[-1],
+            op.slope, phi[-1], r[-1])  # fmt: skip
+
+    def boundary_value(self, phi: list[Buffer], moment: Buffer) -> Buffer:
+        """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].
+
+        `moment` (n_cut, 4) is the source's first moment between the centroid and the surface.
+        """
+        op, cut = self.op, self.op.octree.cut
+        self.complete(phi)
+        phi_B = self.device.empty((cut.n, CHANNELS))
+        self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D[-1],
+                        cut.cell, cut.centroid, cut.boundary, cut.normal, op.slope, moment, phi[-1],
+                        phi_B)  # fmt: skip
+        return phi_B

@@ -1,0 +1,113 @@
+/* coefficients.cl -- transmissibilities and absorption of every level; widths in mm.
+ *
+ *     sum_f T_f (phi_i - phi_f) + absorb phi_i = b_i
+ *
+ * The finest level comes from the cut cells' moments; coarser ones need no geometry: a coarse face adds half the
+ * fine faces' T, which is the arithmetic mean of area D over twice the distance, and absorb is a plain sum.
+ */
+#include "real.h"
+#include "face.h"
+#include "conductance.h"
+
+/* Faces to coarser leaves span 3h/2, from half a fine cell to half a coarse one. */
+COND across(const REAL area, const REAL d_i, const REAL d_j, MEDIUM D, const int i, const int j) {
+#ifdef HETEROGENEOUS
+    return area / (d_i / D[i] + d_j / D[j]);
+#else
+    return area / (d_i + d_j);
+#endif
+}
+
+// cost finest_coefficients: 35R+28 B, 120 flop
+__kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM sigma_a,
+                                  __global const int *restrict nbr, __global const int *restrict cut_index,
+                                  __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
+                                  __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
+                                  __global const REAL2 *restrict face_centroid, __global COND *restrict T,
+                                  __global REAL4 *restrict absorb) {
+    const int i = get_global_id(0);
+    if (i >= n) return;
+    const int cut = cut_index[i];
+    for (int f = 0; f < 6; f++) {
+        const int j = nbr[6 * i + f];
+        if (j == i) {
+            T[6 * i + f] = 0;
+        } else if (j >= n) {
+            T[6 * i + f] = across(h * h, h / 2, h, D, i, j);
+        } else {
+            const int other = cut_index[j], up = f & 1;
+            const Face face = face_between(f >> 1, up ? cut : other, up ? other : cut, centroid, aperture, face_centroid);
+            T[6 * i + f] = across(face.area * h * h, face.delta * h / 2, face.delta * h / 2, D, i, j);
+        }
+    }
+    REAL4 sink = AT(sigma_a, i) * (cell_centroid(cut, centroid).w * h * h * h);
+    if (cut >= 0) {
+        const REAL d = h * depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.1);
+        sink += boundary[cut].w * h * h / (2 * fresnel_A + d / AT(D, i));
+    }
+    absorb[i] = SCALE(sink, AT(D, i));
+}
+
+/* Sum over the four children of cell i on side f. */
+COND sum_side(const int i, const int f, const int side, __global const int *restrict child, __global const COND *restrict T) {
+    COND sum = 0;
+    for (int o = 0; o < 8; o++) {
+        const int c = child[8 * i + o];
+        if (((o >> (f >> 1)) & 1) == side && c >= 0) sum += T[6 * c + f];
+    }
+    return sum;
+}
+
+// cost coarse_coefficients: 60R+60 B, 80 flop
+__kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM sigma_a,
+                                  __global const int *restrict nbr, __global const uchar *restrict is_leaf,
+                                  __global const int *restrict child, __global const COND *restrict T_fine,
+                                  __global const REAL4 *restrict absorb_fine, __global COND *restrict T,
+                                  __global REAL4 *restrict absorb) {
+    const int i = get_global_id(0);
+    if (i >= n) return;
+    for (int f = 0; f < 6; f++) {
+        const int j = nbr[6 * i + f];
+        COND t = 0;
+        if (j == i) t = 0;
+        else if (j >= n) t = across(h * h, h / 2, h, D, i, j);
+        else if (is_leaf[i] && is_leaf[j]) t = across(h * h, h / 2, h / 2, D, i, j);
+        else if (is_leaf[i]) t = (REAL)0.75 * sum_side(j, f ^ 1, !(f & 1), child, T_fine);
+        else t = (is_leaf[j] ? (REAL)0.75 : (REAL)0.5) * sum_side(i, f, f & 1, child, T_fine);
+        T[6 * i + f] = t;
+    }
+    REAL4 sink = (REAL4)(0);
+    if (is_leaf[i]) {
+        sink = SCALE(AT(sigma_a, i) * (h * h * h), AT(D, i));
+    } else {
+        for (int o = 0; o < 8; o++)
+            if (child[8 * i + o] >= 0) sink += absorb_fine[child[8 * i + o]];
+    }
+    absorb[i] = sink;
+}
+
+/* Weights of the prolongation: towards the outward neighbours along x, y, z, and what is left for the parent.
+ * Linear between centres for constant D; by the resistances between them otherwise. */
+// cost interpolation_weights: 13R+32 B, 30 flop
+__kernel void interpolation_weights(const int n, __global const int *restrict position,
+                                    __global const int *restrict nbr, __global const COND *restrict T,
+                                    __global REAL4 *restrict weight) {
+    const int i = get_global_id(0);
+    if (i >= n) return;
+    REAL w[3];
+    for (int d = 0; d < 3; d++) {
+        const int up = position[4 * i + d] & 1, f = 2 * d + up, j = nbr[6 * i + f];
+        const REAL out = MEAN(T[6 * i + f]), sibling = MEAN(T[6 * i + (f ^ 1)]);
+        w[d] = 0;
+        if (j == i || !(out > 0)) continue;
+        const REAL in = sibling > 0 ? sibling : out;
+        REAL beyond = 1 / out;
+        if (j < n) {
+            const REAL next = MEAN(T[6 * j + f]);
+            beyond += 1 / (2 * (next > 0 ? next : out));
+        }
+        w[d] = (1 / (2 * in)) / (1 / (2 * in) + beyond);
+    }
+    const REAL scale = 1 / fmax((REAL)1, w[0] + w[1] + w[2]);
+    weight[i] = (REAL4)(w[0] * scale, w[1] * scale, w[2] * scale, fmax((REAL)0, 1 - scale * (w[0] + w[1] + w[2])));
+}

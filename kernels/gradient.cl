@@ -1,0 +1,228 @@
+/* gradient.cl -- least-squares gradients of cut cells, and the second-order terms that they carry; per cell width.
+ *
+ * Rows: the neighbours within one cell, dx . g = phi_k - phi_i with weight sqrt(kappa_k) / max(|dx|^2, 0.05), and
+ * one for the boundary condition,
+ *     g . (D n / h + (x_B - x_i) / 2A) = -phi_i / 2A.
+ */
+#include "real.h"
+#include "tree.h"
+#include "face.h"
+#include "conductance.h"
+
+typedef struct {
+    REAL xx, yy, zz, xy, xz, yz;
+} Symmetric;
+
+void rotate_pair(REAL a[3][3], REAL v[3][3], const int p, const int q) {
+    if (a[p][q] == 0) return;
+    const REAL theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+    const REAL t = (theta >= 0 ? 1 : -1) / (fabs(theta) + sqrt(theta * theta + 1));
+    const REAL c = 1 / sqrt(t * t + 1), s = t * c;
+    for (int k = 0; k < 3; k++) {
+        const REAL x = a[k][p], y = a[k][q];
+        a[k][p] = c * x - s * y;
+        a[k][q] = s * x + c * y;
+    }
+    for (int k = 0; k < 3; k++) {
+        const REAL x = a[p][k], y = a[q][k];
+        a[p][k] = c * x - s * y;
+        a[q][k] = s * x + c * y;
+    }
+    for (int k = 0; k < 3; k++) {
+        const REAL x = v[k][p], y = v[k][q];
+        v[k][p] = c * x - s * y;
+        v[k][q] = s * x + c * y;
+    }
+}
+
+/* Pseudo-inverse of a symmetric matrix; eigenvalues under 1e-3 of the largest count as zero (thin sheets). */
+Symmetric pseudo_inverse(const Symmetric m) {
+    REAL a[3][3] = {{m.xx, m.xy, m.xz}, {m.xy, m.yy, m.yz}, {m.xz, m.yz, m.zz}};
+    REAL v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    for (int sweep = 0; sweep < 6; sweep++) {
+        rotate_pair(a, v, 0, 1);
+        rotate_pair(a, v, 0, 2);
+        rotate_pair(a, v, 1, 2);
+    }
+    const REAL cutoff = (REAL)1e-3 * fmax(a[0][0], fmax(a[1][1], a[2][2]));
+    Symmetric r = {0, 0, 0, 0, 0, 0};
+    for (int k = 0; k < 3; k++) {
+        if (!(a[k][k] > cutoff)) continue;
+        const REAL w = 1 / a[k][k];
+        r.xx += w * v[0][k] * v[0][k];
+        r.yy += w * v[1][k] * v[1][k];
+        r.zz += w * v[2][k] * v[2][k];
+        r.xy += w * v[0][k] * v[1][k];
+        r.xz += w * v[0][k] * v[2][k];
+        r.yz += w * v[1][k] * v[2][k];
+    }
+    return r;
+}
+
+/* Squared weight of a neighbour at dx with volume fraction kappa. */
+REAL row_weight2(const REAL4 dx, const REAL kappa) {
+    const REAL size = fmax(dot(dx, dx), (REAL)0.05);
+    return kappa / (size * size);
+}
+
+/* The boundary condition's row for diffusion length D/h: direction (x, y, z) and right-hand side per phi_i. */
+REAL4 boundary_row(const REAL4 offset, const REAL4 n, const REAL alpha_B, const REAL D_over_h, const REAL fresnel_A) {
+    const REAL scale = fmin(alpha_B, (REAL)1) / (D_over_h + length(offset) / (2 * fresnel_A));
+    REAL4 row = scale * (D_over_h * n + offset / (2 * fresnel_A));
+    row.w = -scale / (2 * fresnel_A);
+    return row;
+}
+
+REAL component(const REAL4 v, const int c) { return c == 0 ? v.x : c == 1 ? v.y : c == 2 ? v.z : v.w; }
+
+// cost gradient_inverse: 150R+220 B, 2500 flop
+__kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, const int4 dims, MEDIUM D,
+                               __global const int *restrict block, __global const int *restrict brick,
+                               __global const int *restrict position, __global const int *restrict cut_cell,
+                               __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
+                               __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                               __global REAL *restrict inverse) {
+    const int c = get_global_id(0);
+    if (c >= n) return;
+    const int i = cut_cell[c];
+    const int4 p = vload4(i, position);
+    const REAL4 own = centroid[c] * (REAL4)(1, 1, 1, 0);
+    Symmetric m = {0, 0, 0, 0, 0, 0};
+    for (int dz = -1; dz <= 1; dz++)
+        for (int dy = -1; dy <= 1; dy++)
+            for (int dx = -1; dx <= 1; dx++) {
+                const int code = leaf_code(dims, block, brick, p.x + dx, p.y + dy, p.z + dz);
+                if (code < 0 || code & 15 || (dx == 0 && dy == 0 && dz == 0)) continue;
+                const REAL4 other = cell_centroid(cut_index[code >> 4], centroid);
+                const REAL4 d = (other + (REAL4)(dx, dy, dz, 0) - own) * (REAL4)(1, 1, 1, 0);
+                const REAL w = row_weight2(d, other.w);
+                m.xx += w * d.x * d.x;
+                m.yy += w * d.y * d.y;
+                m.zz += w * d.z * d.z;
+                m.xy += w * d.x * d.y;
+                m.xz += w * d.x * d.z;
+                m.yz += w * d.y * d.z;
+            }
+    const REAL4 offset = (boundary[c] - centroid[c]) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
+    for (int channel = 0; channel < 3; channel++) {
+        const REAL4 row = boundary_row(offset, nrm, boundary[c].w, component(AT(D, i), channel) / h, fresnel_A);
+        Symmetric full = m;
+        full.xx += row.x * row.x;
+        full.yy += row.y * row.y;
+        full.zz += row.z * row.z;
+        full.xy += row.x * row.y;
+        full.xz += row.x * row.z;
+        full.yz += row.y * row.z;
+        const Symmetric r = pseudo_inverse(full);
+        __global REAL *restrict out = inverse + 24 * (size_t)c + channel;
+        out[0] = r.xx;
+        out[4] = r.yy;
+        out[8] = r.zz;
+        out[12] = r.xy;
+        out[16] = r.xz;
+        out[20] = r.yz;
+    }
+    for (int k = 0; k < 6; k++) inverse[24 * (size_t)c + 4 * k + 3] = 0;
+}
+
+// cost gradient: 300R+220 B, 700 flop
+__kernel void gradient(const int n, const REAL h, const REAL fresnel_A, const int4 dims, MEDIUM D,
+                       __global const int *restrict block, __global const int *restrict brick,
+                       __global const int *restrict position, __global const int *restrict cut_cell,
+                       __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
+                       __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                       __global const REAL4 *restrict inverse, __global const REAL4 *restrict x,
+                       __global REAL4 *restrict slope) {
+    const int c = get_global_id(0);
+    if (c >= n) return;
+    const int i = cut_cell[c];
+    const int4 p = vload4(i, position);
+    const REAL4 own = centroid[c] * (REAL4)(1, 1, 1, 0), value = x[i];
+    REAL4 sx = (REAL4)(0), sy = (REAL4)(0), sz = (REAL4)(0);
+    for (int dz = -1; dz <= 1; dz++)
+        for (int dy = -1; dy <= 1; dy++)
+            for (int dx = -1; dx <= 1; dx++) {
+                const int code = leaf_code(dims, block, brick, p.x + dx, p.y + dy, p.z + dz);
+                if (code < 0 || code & 15 || (dx == 0 && dy == 0 && dz == 0)) continue;
+                const REAL4 other = cell_centroid(cut_index[code >> 4], centroid);
+                const REAL4 d = (other + (REAL4)(dx, dy, dz, 0) - own) * (REAL4)(1, 1, 1, 0);
+                const REAL4 rise = row_weight2(d, other.w) * (x[code >> 4] - value);
+                sx += d.x * rise;
+                sy += d.y * rise;
+                sz += d.z * rise;
+            }
+    const REAL4 offset = (boundary[c] - centroid[c]) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
+    REAL *restrict px = (REAL *)&sx, *restrict py = (REAL *)&sy, *restrict pz = (REAL *)&sz;
+    for (int channel = 0; channel < 3; channel++) {
+        const REAL4 row = boundary_row(offset, nrm, boundary[c].w, component(AT(D, i), channel) / h, fresnel_A);
+        const REAL right = row.w * component(value, channel);
+        px[channel] += row.x * right;
+        py[channel] += row.y * right;
+        pz[channel] += row.z * right;
+    }
+    __global const REAL4 *restrict r = inverse + 6 * (size_t)c;
+    slope[3 * c] = r[0] * sx + r[3] * sy + r[4] * sz;
+    slope[3 * c + 1] = r[3] * sx + r[1] * sy + r[5] * sz;
+    slope[3 * c + 2] = r[4] * sx + r[5] * sy + r[2] * sz;
+}
+
+REAL4 along(const int c, const REAL4 d, __global const REAL4 *restrict slope) {
+    return c < 0 ? (REAL4)(0) : d.x * slope[3 * c] + d.y * slope[3 * c + 1] + d.z * slope[3 * c + 2];
+}
+
+/* phi on the inner end of the normal through x_B. */
+REAL4 value_below(const int c, const REAL4 value, const REAL d, const REAL4 n, __global const REAL4 *restrict centroid,
+                  __global const REAL4 *restrict boundary, __global const REAL4 *restrict slope) {
+    return value + along(c, boundary[c] - d * n - centroid[c], slope);
+}
+
+/* Add to r, on cells with an irregular face, what the gradients add to the two-point fluxes:
+ *     T_f (g_j . tau_j - g_i . tau_i),  and  C_B phi_i  with its clamp eased -> C_B (phi_i + g . (x_B - d n - x_i)).
+ */
+// cost correct_residual: 60R+60 B, 150 flop
+__kernel void correct_residual(const int n, const int n_cells, const REAL h, const REAL fresnel_A, MEDIUM D,
+                               __global const int *restrict irregular, __global const int *restrict nbr,
+                               __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
+                               __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                               __global const REAL *restrict aperture, __global const REAL2 *restrict face_centroid,
+                               __global const COND *restrict T, __global const REAL4 *restrict slope,
+                               __global const REAL4 *restrict x, __global REAL4 *restrict r) {
+    const int m = get_global_id(0);
+    if (m >= n) return;
+    const int i = irregular[m], c = cut_index[i];
+    REAL4 sum = r[i];
+    for (int f = 0; f < 6; f++) {
+        const int j = nbr[6 * i + f], up = f & 1;
+        if (j == i || j >= n_cells) continue;
+        const int other = cut_index[j];
+        if (c < 0 && other < 0) continue;
+        const Face face = face_between(f >> 1, up ? c : other, up ? other : c, centroid, aperture, face_centroid);
+        sum += T[6 * i + f] * (along(other, up ? face.tau_high : face.tau_low, slope) -
+                               along(c, up ? face.tau_low : face.tau_high, slope));
+    }
+    if (c >= 0) {
+        const REAL4 nrm = unit_normal(normal[c]), D_i = AT(D, i);
+        const REAL clamped = depth_below(centroid[c], boundary[c], nrm, 0.1);
+        const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
+        const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
+        const REAL4 flux = x[i] / (2 * fresnel_A + clamped * h / D_i) - p / (2 * fresnel_A + d * h / D_i);
+        sum += SCALE(boundary[c].w * h * h * flux, D_i);
+    }
+    r[i] = sum;
+}
+
+/* phi_B = 2A (p + r_B) / (2A + d/D), r_B the source's moment between the centroid and the surface. */
+// cost boundary_value: 40R+8 B, 60 flop
+__kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, MEDIUM D,
+                             __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
+                             __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                             __global const REAL4 *restrict slope, __global const REAL4 *restrict moment,
+                             __global const REAL4 *restrict x, __global REAL4 *restrict phi_B) {
+    const int c = get_global_id(0);
+    if (c >= n) return;
+    const int i = cut_cell[c];
+    const REAL4 nrm = unit_normal(normal[c]);
+    const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
+    const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
+    phi_B[c] = 2 * fresnel_A * (p + moment[c]) / (2 * fresnel_A + d * h / AT(D, i));
+}

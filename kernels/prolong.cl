@@ -1,0 +1,52 @@
+/* prolong.cl -- corrections and values from a coarser level to a finer one. */
+#include "real.h"
+
+/* x_i += (1 - sum_d w_d) X_parent + sum_d w_d X_d, X_d the coarse cell beyond the outward face along d. */
+// cost prolong: 28R+32 B, 32 flop
+__kernel void prolong(const int n, __global const int *restrict position, __global const int *restrict nbr,
+                      __global const int *restrict parent, __global const REAL4 *restrict weight,
+                      __global const REAL4 *restrict x_coarse, __global REAL4 *restrict x) {
+    const int i = get_global_id(0);
+    if (i >= n) return;
+    const REAL4 w = weight[i];
+    const int4 up = vload4(i, position) & 1;
+    x[i] += w.w * x_coarse[parent[i]] + w.x * x_coarse[parent[nbr[6 * i + up.x]]] +
+            w.y * x_coarse[parent[nbr[6 * i + 2 + up.y]]] + w.z * x_coarse[parent[nbr[6 * i + 4 + up.z]]];
+}
+
+/* Ghosts of a correction: the coarse cell's own value. */
+// cost copy_ghosts: 8R+4 B, 0 flop
+__kernel void copy_ghosts(const int n, const int n_cells, __global const int *restrict parent,
+                          __global const REAL4 *restrict x_coarse, __global REAL4 *restrict x) {
+    const int k = get_global_id(0);
+    if (k < n) x[n_cells + k] = x_coarse[parent[n_cells + k]];
+}
+
+/* Ghosts of the solution: the coarse cell's value carried along the face to the line through the fine centre, by
+ * its central differences. Two-point fluxes over 3h/2 are then exact for linear fields. */
+// cost carry_ghosts: 44R+40 B, 60 flop
+__kernel void carry_ghosts(const int n, const int n_coarse, const int n_fine, __global const int *restrict interface,
+                           __global const int *restrict interface_start, __global const int *restrict nbr_coarse,
+                           __global const int *restrict ghost_face, __global const int *restrict position,
+                           __global const REAL4 *restrict x_coarse, __global REAL4 *restrict x) {
+    const int m = get_global_id(0);
+    if (m >= n) return;
+    const int c = interface[m];
+    const REAL4 own = x_coarse[c];
+    REAL4 slope[3];
+    for (int d = 0; d < 3; d++) {
+        const int low = nbr_coarse[6 * c + 2 * d], high = nbr_coarse[6 * c + 2 * d + 1];
+        const int has_low = low < n_coarse && low != c, has_high = high < n_coarse && high != c;
+        slope[d] = (REAL4)(0);
+        if (has_low) slope[d] += own - x_coarse[low];
+        if (has_high) slope[d] += x_coarse[high] - own;
+        if (has_low && has_high) slope[d] /= 2;
+    }
+    for (int k = interface_start[m]; k < interface_start[m + 1]; k++) {
+        const int i = ghost_face[k] / 6, axis = (ghost_face[k] % 6) >> 1;
+        REAL4 value = own;
+        for (int d = 0; d < 3; d++)
+            if (d != axis) value += slope[d] * (position[4 * i + d] & 1 ? (REAL)0.25 : (REAL)-0.25);
+        x[n_fine + k] = value;
+    }
+}

@@ -1,0 +1,38 @@
+/* restrict.cl -- a covered cell's right-hand side is the sum of its children's residuals: totals are kept. */
+#include "real.h"
+#include "conductance.h"
+
+// cost restrict_residual: 372R+224 B, 608 flop
+__kernel void restrict_residual(const int n, __global const uchar *restrict is_leaf, __global const int *restrict child,
+                                __global const int *restrict nbr, __global const COND *restrict T,
+                                __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
+                                __global const REAL4 *restrict x, __global REAL4 *restrict b_coarse) {
+    const int c = get_global_id(0);
+    if (c >= n || is_leaf[c]) return;
+    REAL4 sum = (REAL4)(0);
+    for (int o = 0; o < 8; o++) {
+        const int i = child[8 * c + o];
+        if (i < 0) continue;
+        const REAL4 own = x[i];
+        sum += b[i] - absorb[i] * own;
+        for (int f = 0; f < 6; f++) sum += T[6 * i + f] * (x[nbr[6 * i + f]] - own);
+    }
+    b_coarse[c] = sum;
+}
+
+/* A covered cell's value is the mean of its children's. */
+// cost average: 36R+33 B, 36 flop
+__kernel void average(const int n, __global const uchar *restrict is_leaf, __global const int *restrict child,
+                      __global const REAL4 *restrict x, __global REAL4 *restrict x_coarse) {
+    const int c = get_global_id(0);
+    if (c >= n || is_leaf[c]) return;
+    REAL4 sum = (REAL4)(0);
+    int count = 0;
+    for (int o = 0; o < 8; o++) {
+        const int i = child[8 * c + o];
+        if (i < 0) continue;
+        sum += x[i];
+        count++;
+    }
+    x_coarse[c] = sum / max(count, 1);
+}

@@ -1,0 +1,23 @@
+/* smooth.cl -- one colour of a Gauss-Seidel sweep over one level; one work-item per cell of the colour.
+ *
+ *     x[i] <- (b[i] + sum_f T[i][f] x[nbr[i][f]]) / (absorb[i] + sum_f T[i][f])
+ *
+ * Cells of one colour are contiguous and never neighbours: the result does not depend on their order.
+ */
+#include "real.h"
+#include "conductance.h"
+
+// cost smooth: 42R+24 B, 56 flop
+__kernel void smooth(const int first, const int n, __global const int *restrict nbr, __global const COND *restrict T,
+                     __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
+                     __global REAL4 *restrict x) {
+    const int i = first + get_global_id(0);
+    if (i >= first + n) return;
+    REAL4 sum = b[i], diagonal = absorb[i];
+    for (int f = 0; f < 6; f++) {
+        const COND t = T[6 * i + f];
+        sum += t * x[nbr[6 * i + f]];
+        diagonal += t;
+    }
+    x[i] = sum / diagonal;
+}
