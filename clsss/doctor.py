@@ -23,7 +23,7 @@ _PACKAGES = (
     "pillow",
 )
 _OPENGL = {
-    "without a window (EGL)": "moderngl.create_context(standalone=True, require=330, backend='egl')",
+    "without a window (EGL)": "moderngl.create_context(standalone=True, require=330, **EGL)",
     "window": "open_window((64, 64), visible=False)[1]",
 }
 
@@ -60,7 +60,7 @@ def _version(name: str) -> str:
 
 def _try_opengl(name: str, attempt: str) -> str:
     """Try in a process of its own: a broken driver may abort."""
-    code = f"import moderngl; from clsss.opengl import open_window; i = ({attempt}).info; "
+    code = f"import moderngl; from clsss.opengl import EGL, open_window; i = ({attempt}).info; "
     code += "print(i['GL_RENDERER'], '| OpenGL', i['GL_VERSION'].split()[0])"
     try:
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)

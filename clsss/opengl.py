@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     import moderngl
 
 VERSION = 330
+# By their runtime names: looking libraries up by bare name needs development packages or a compiler.
+EGL = {"backend": "egl", "libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
 
 
 def _reason(error: Exception) -> str:
@@ -69,7 +71,7 @@ def standalone_context() -> moderngl.Context:
     import moderngl
 
     try:
-        return moderngl.create_context(standalone=True, require=VERSION, backend="egl")  # type: ignore[arg-type]
+        return moderngl.create_context(standalone=True, require=VERSION, **EGL)  # type: ignore[arg-type]
     except Exception as error:
         no_egl = _reason(error)
     try:

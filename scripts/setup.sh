@@ -26,7 +26,7 @@ has_package() { dpkg -s "$1" >/dev/null 2>&1; }
 missing_packages() {
     local python=$1 icd
     "$python" -c 'import ensurepip, venv' 2>/dev/null || echo python3-venv
-    icd=$(find "${OCL_ICD_VENDORS:-/etc/OpenCL/vendors}" -name '*.icd' 2>/dev/null | head -n 1)
+    icd=$(find "${OCL_ICD_VENDORS:-/etc/OpenCL/vendors}" -name '*.icd' 2>/dev/null | head -n 1 || true)
     [[ -n $icd ]] || echo pocl-opencl-icd
     has_library "$python" libOpenCL.so.1 || echo ocl-icd-libopencl1
     has_library "$python" libEGL.so.1 || echo libegl1
@@ -54,8 +54,8 @@ install_packages() {
         fi
     fi
     say "apt-get install $*"
-    "${as_root[@]}" apt-get update -q >&2 || say "apt-get update failed; going on with the lists there are"
-    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "$@" >&2
+    "${as_root[@]}" apt-get update -qq >&2 || say "apt-get update failed; going on with the lists there are"
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -qq --no-install-recommends "$@" >/dev/null
 }
 
 setup_system() {
