@@ -14,26 +14,30 @@ import numpy as np
 if TYPE_CHECKING:
     import trimesh
 
-EDGE = 0.030  # of the polygonisation; the elephant is about 2.3 long
+EDGE = 0.029  # of the polygonisation
 RELAXATIONS = 3
-_BOX = np.array([[-1.05, -0.05, -0.85], [1.55, 1.65, 0.85]])
+_BOX = np.array([[-1.00, -0.04, -0.83], [1.47, 1.49, 0.83]])
 
-# centre line (x, y) and radius of the trunk, from the face forward, up, and back to the forehead
+# centre lines (x, y, z) and radii; the trunk goes from the face forward, up, and back to the forehead
 _TRUNK = np.array(
     [
-        [0.66, 0.92, 0.185], [0.83, 0.75, 0.150], [1.02, 0.62, 0.120], [1.22, 0.62, 0.100],
-        [1.36, 0.76, 0.087], [1.38, 0.97, 0.077], [1.29, 1.16, 0.069], [1.13, 1.27, 0.062],
-        [0.95, 1.29, 0.058], [0.79, 1.23, 0.066],
+        [0.61, 0.89, 0, 0.180], [0.83, 0.74, 0, 0.154], [1.02, 0.60, 0, 0.122], [1.21, 0.60, 0, 0.102],
+        [1.33, 0.73, 0, 0.088], [1.34, 0.92, 0, 0.077], [1.26, 1.10, 0, 0.068], [1.12, 1.22, 0, 0.061],
+        [0.95, 1.27, 0, 0.057], [0.79, 1.23, 0, 0.068],
     ]
 )  # fmt: skip
 _TAIL = np.array(
     [
-        [-0.70, 0.86, 0.060], [-0.86, 0.75, 0.042], [-0.92, 0.58, 0.034], [-0.91, 0.44, 0.050],
-        [-0.94, 0.33, 0.026],
+        [-0.70, 0.86, 0, 0.060], [-0.86, 0.75, 0, 0.042], [-0.92, 0.58, 0, 0.034], [-0.91, 0.44, 0, 0.050],
+        [-0.94, 0.33, 0, 0.026],
     ]
 )  # fmt: skip
-_TUSK = np.array([[0.78, 0.82, 0.13], [0.96, 0.66, 0.205], [1.12, 0.64, 0.25], [1.25, 0.71, 0.27]])
-_TUSK_RADII = (0.055, 0.046, 0.037, 0.024)
+_TUSK = np.array(
+    [
+        [0.78, 0.82, 0.13, 0.055], [0.96, 0.67, 0.205, 0.047], [1.12, 0.64, 0.25, 0.038],
+        [1.25, 0.70, 0.27, 0.026],
+    ]
+)  # fmt: skip
 
 
 def demo_mesh() -> trimesh.Trimesh:
@@ -42,7 +46,7 @@ def demo_mesh() -> trimesh.Trimesh:
     Returns
     -------
     trimesh.Trimesh
-        Some 40,000 triangles, y up, facing between +x and +z, feet on y = 0; about 2.3 units long.
+        Some 57,000 triangles, y up, facing between +x and +z, feet on y = 0; about 2 units long.
     """
     import trimesh
 
@@ -116,15 +120,16 @@ def _cone(p: np.ndarray, start: np.ndarray, end: np.ndarray, r0: float, r1: floa
 
 
 def _tube(p: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """Distance to a bent rod in the plane z = 0: a spline through `line` (x, y, radius)."""
+    """Distance to a bent rod: a spline through `line` (x, y, z, radius)."""
     from scipy.interpolate import CubicSpline
     from scipy.spatial import cKDTree
 
     knots = np.linspace(0, len(line) - 1, 60 * len(line))
     samples = CubicSpline(np.arange(len(line)), line)(knots)
-    reach, nearest = cKDTree(np.pad(samples[:, :2], ((0, 0), (0, 1)))).query(p)
-    # wrinkles, deepest where the rod is thickest
-    return reach - samples[nearest, 2] + 0.028 * samples[nearest, 2] * np.cos(10.0 * knots[nearest])
+    if line is _TRUNK:  # wrinkles in its lower half
+        samples[:, 3] -= 0.004 * np.cos(11.0 * knots) * np.sin(np.pi * np.clip(knots / 6.0, 0.0, 1.0)) ** 2
+    reach, nearest = cKDTree(samples[:, :3]).query(p)
+    return reach - samples[nearest, 3]
 
 
 def _ear(p: np.ndarray) -> np.ndarray:
@@ -137,7 +142,7 @@ def _ear(p: np.ndarray) -> np.ndarray:
     # a fan: broad above, drawn down to a lobe below
     rim = 0.33 + 0.05 * np.cos(angle - 0.9) + 0.10 * np.exp(-(((angle + 1.75) / 0.45) ** 2))
     w = w + 0.30 * (u - 0.10) ** 2 - 0.05 * v + 0.018 * np.sin(3.0 * angle) * (radius / 0.33) ** 2
-    half = 0.034 - 0.009 * np.clip(radius / 0.36, 0.0, 1.0)
+    half = 0.035 - 0.009 * np.clip(radius / 0.36, 0.0, 1.0)
     beyond = np.maximum(radius - rim + half, 0.0)
     return 0.85 * (np.hypot(beyond, w) - half)
 
@@ -161,7 +166,7 @@ def _body(side: np.ndarray) -> np.ndarray:
         out = _blend(out, _cone(side, np.array([x, 0.55, 0.22]), foot, 0.165, 0.138), 0.10)
         out = _blend(out, _cone(side, foot, foot - [0.0, 0.05, 0.0], 0.140, 0.158), 0.05)
         for turn in (-0.7, 0.0, 0.7):
-            nail = foot + [0.150 * np.cos(turn), -0.045, 0.150 * np.sin(turn)]
+            nail = foot + np.array([0.150 * np.cos(turn), -0.045, 0.150 * np.sin(turn)])
             out = _blend(out, np.linalg.norm((side - nail) / [1.0, 1.4, 1.0], axis=1) - 0.030, 0.015)
     return out
 
@@ -171,9 +176,7 @@ def _head(side: np.ndarray) -> np.ndarray:
     out = _ellipsoid(side, (0.56, 1.00, 0.0), (0.29, 0.31, 0.26))
     out = _blend(out, _ellipsoid(side, (0.53, 1.20, 0.09), (0.17, 0.13, 0.13)), 0.10)
     out = _blend(out, _ellipsoid(side, (0.70, 0.70, 0.0), (0.13, 0.07, 0.09)), 0.08)
-    for k in range(3):
-        tusk = _cone(side, _TUSK[k], _TUSK[k + 1], *_TUSK_RADII[k : k + 2])
-        out = _blend(out, tusk, 0.03)
+    out = _blend(out, _tube(side, _TUSK), 0.03)
     return _blend(out, _ellipsoid(side, (0.75, 1.04, 0.185), (0.036, 0.036, 0.028)), 0.015)
 
 
@@ -192,5 +195,5 @@ def _distance(p: np.ndarray) -> np.ndarray:
         if part is not _head:
             near &= side[:, 0] < x + 1.2
         out[near] = _blend(out[near], part(side[near]), width)
-    out = np.maximum(out, -p[:, 1])  # stands flat
+    out = -_blend(-out, p[:, 1], 0.03)  # stands flat
     return np.maximum(out, -_ellipsoid(p, (-0.16, 0.72, 0.0), (0.34, 0.20, 0.20)))
