@@ -1,1 +1,67 @@
-"""Subsurface light diffusion in objects of any shape, solved with OpenCL and baked to mesh vertices."""
+"""Subsurface light diffusion in objects of any shape, solved with OpenCL and baked to mesh vertices.
+
+>>> import clsss
+>>> mesh = clsss.load_mesh("dragon.ply", size=20.0)
+>>> result = clsss.simulate(mesh, clsss.material("marble"), [clsss.DirectionalLight((0, -1, 0))])
+>>> result.save("dragon.glb")
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from clsss.errors import DeviceError, InputError
+
+if TYPE_CHECKING:
+    from clsss import reference
+    from clsss.device import devices
+    from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
+    from clsss.materials import Material, material, materials
+    from clsss.media import Grid, Mix, Perlin
+    from clsss.mesh import Mesh, load_mesh
+    from clsss.simulate import Result, simulate
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "DeviceError",
+    "DirectionalLight",
+    "Emission",
+    "EnvironmentLight",
+    "Grid",
+    "InputError",
+    "Material",
+    "Mesh",
+    "Mix",
+    "Perlin",
+    "PointLight",
+    "Result",
+    "devices",
+    "load_mesh",
+    "material",
+    "materials",
+    "reference",
+    "simulate",
+]
+
+_HOME = {
+    "lights": ("DirectionalLight", "Emission", "EnvironmentLight", "PointLight"),
+    "materials": ("Material", "material", "materials"),
+    "media": ("Grid", "Mix", "Perlin"),
+    "mesh": ("Mesh", "load_mesh"),
+    "simulate": ("Result", "simulate"),
+    "device": ("devices",),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used: `import clsss` stays fast."""
+    if name == "reference":
+        return importlib.import_module("clsss.reference")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'clsss' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"clsss.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value

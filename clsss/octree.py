@@ -107,6 +107,25 @@ class Octree:
         """Cells of all levels."""
         return sum(level.n for level in self.levels)
 
+    def volumes(self) -> list[np.ndarray]:
+        """Volume inside the object of the cells (n,) of each level [mm^3]."""
+        volumes = [np.full(level.n, level.h**3) for level in self.levels]
+        volumes[-1][self.cut.cell.get()] *= self.cut.centroid.get()[:, 3]
+        return volumes
+
+    def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The leaf at points (n, 3) [mm]: how many levels above the finest, and its index there; -1: none."""
+        ijk = np.floor(self.grid.to_cells(points)).astype(np.int64)
+        outside = ((ijk < 0) | (ijk >= self.grid.dims)).any(axis=1)
+        x, y, z = np.where(outside[:, None], 0, ijk).T
+        _, by, bx = self.grid.blocks
+        block = self.block.get()[((z >> 3) * by + (y >> 3)) * bx + (x >> 3)]
+        local = ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)
+        in_brick = self.brick.get()[np.maximum(block, 0) * 512 + local]
+        code = np.where(block >= 0, in_brick, np.where(block == -1, -1, -2 - block))
+        code = np.where(outside, -1, code)
+        return np.where(code < 0, -1, code & 15), np.where(code < 0, -1, code >> 4)
+
     @property
     def n_leaves(self) -> int:
         """Cells that no finer ones replace."""

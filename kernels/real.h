@@ -7,3 +7,4 @@
 #define REAL2 GLUE(REAL, 2)
 #define REAL4 GLUE(REAL, 4)
 #define REAL8 GLUE(REAL, 8)
+#define convert_REAL4 GLUE(convert_, REAL4)

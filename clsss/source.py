@@ -1,0 +1,219 @@
+"""What the lights deposit in each cell: reduced incident light, attenuated along rays, and emission.
+
+    F(x) = F0 T exp(-tau),   Q_i = -(sum_f B_f + B_B) + V q0,   B = A a (omega . n) F
+
+The beam's flux is averaged logarithmically between centroids, so that what is deposited is what enters less what
+passes through, times the albedo, at any cell size (kernels/attenuate.cl, kernels/source.cl).
+
+References
+----------
+Haber et al. 2005, eq. (2), (3) and section 3.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clsss.device import Buffer, Device
+from clsss.diffusion import CHANNELS, Coefficients, cell_points, channels
+from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
+from clsss.octree import Octree
+
+ENVIRONMENT_BEAMS = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Right-hand side of the diffusion equation.
+
+    Attributes
+    ----------
+    b : list of (n, 4) real, device
+        What each leaf receives, in the operator's scale.
+    moment : (n_cut, 4) real, device
+        First moment r_B of the source between centroid and surface [W/mm^2].
+    deposited, incident : (3,) float
+        Power deposited, and power that the beams bring through the surface [W].
+    """
+
+    b: list[Buffer]
+    moment: Buffer
+    deposited: np.ndarray
+    incident: np.ndarray
+
+
+def _extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
+    """Extinction per finest cell width as the kernels take it: a vector, or all levels' cells and their starts."""
+    if medium.homogeneous:
+        total = [a + s for a, s in zip(medium.sigma_a[-1].tolist(), medium.sigma_s[-1].tolist(), strict=True)]
+        return (device.vector([octree.grid.h * t for t in total]),)
+    parts = [a.get() + s.get() for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
+    start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
+    return device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
+
+
+class Beams:
+    """Adds up the beams of collimated lights on an octree.
+
+    Parameters
+    ----------
+    device : Device
+    octree : Octree
+    medium : Coefficients
+    """
+
+    def __init__(self, device: Device, octree: Octree, medium: Coefficients):
+        self.device, self.octree, self.medium = device, octree, medium
+        n_cut = octree.cut.n
+        self.Q = [device.zeros((level.n, CHANNELS)) for level in octree.levels]
+        self.moment = device.zeros((n_cut, CHANNELS))
+        self.incident = np.zeros(3)
+        self._F = [device.empty((level.n + level.n_ghost, CHANNELS)) for level in octree.levels]
+        self._F_B = device.empty((n_cut, CHANNELS))
+        self._extinction = _extinction(device, octree, medium)
+        self._normal = octree.cut.normal.get()[:, :3].astype(float) * octree.grid.h**2
+        self._x_B = octree.finest.ijk[octree.cut.cell.get()] + octree.cut.boundary.get()[:, :3].astype(float)
+
+    def add(self, light: DirectionalLight | PointLight, unit: float) -> None:
+        """Add a light's deposit, its strength in multiples of `unit`."""
+        device, octree = self.device, self.octree
+        if isinstance(light, DirectionalLight):
+            towards = np.broadcast_to(-light.direction, self._x_B.shape)
+            where, strength = device.vector([*-light.direction, 0.0]), light.irradiance
+        else:
+            position = octree.grid.to_cells(light.position)
+            away = position - self._x_B
+            towards = away / np.linalg.norm(away, axis=1, keepdims=True)
+            where, strength = device.vector([*position, 1.0]), light.intensity
+        self._trace(where, device.vector(channels(strength / unit)))
+        entering = np.maximum(0, (towards * self._normal).sum(axis=1))
+        self.incident += entering @ self._F_B.get()[:, :3].astype(float)
+        self._deposit(where)
+        if isinstance(light, PointLight):
+            self._add_lamp_inside(light, unit)
+
+    def _trace(self, where: Any, strength: Any) -> None:
+        device, octree, cut, eta = self.device, self.octree, self.octree.cut, float(self.medium.eta)
+        defines, finest = self.medium.defines, self.octree.finest
+        surface = (octree.cut_index, cut.boundary, cut.normal, cut.centroid)
+        cells = device.kernel("attenuate", "beam_in_cells", *defines)
+        ghosts = device.kernel("prolong", "copy_ghosts")
+        for k, level in enumerate(octree.levels):
+            device.run(cells, level.n, level.n, level.depth, octree.grid.h, eta, where, strength, octree.grid.dims,
+                       octree.block, octree.brick, level.position, level.is_leaf, *surface, *self._extinction,
+                       self._F[k])  # fmt: skip
+            if level.n_ghost:
+                device.run(ghosts, level.n_ghost, level.n_ghost, level.n, level.parent, self._F[k - 1], self._F[k])
+        kernel = device.kernel("attenuate", "beam_at_boundary", *defines)
+        device.run(kernel, cut.n, cut.n, octree.grid.h, eta, where, strength, octree.grid.dims, octree.block,
+                   octree.brick, finest.position, cut.cell, *surface, *self._extinction, self._F_B)  # fmt: skip
+
+    def _deposit(self, where: Any) -> None:
+        device, octree, cut, medium = self.device, self.octree, self.octree.cut, self.medium
+        levels, sigma_a, sigma_s, defines = octree.levels, medium.sigma_a, medium.sigma_s, medium.defines
+        finest, F, F_B = octree.finest, self._F, self._F_B
+        kernel = device.kernel("source", "deposit_finest", *defines)
+        device.run(kernel, finest.n, finest.n, finest.h, where, sigma_a[-1], sigma_s[-1], sigma_a[-2], sigma_s[-2],
+                   finest.position, finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
+                   cut.aperture, cut.face_centroid, F_B, F[-1], self.Q[-1])  # fmt: skip
+        coarse = device.kernel("source", "deposit_coarse", *defines)
+        interface = device.kernel("source", "deposit_interface", *defines)
+        for k, level in enumerate(levels[:-1]):
+            up, fine, m = max(k - 1, 0), levels[k + 1], level.interface.shape[0]
+            device.run(coarse, level.n, level.n, level.h, level.depth, where, sigma_a[k], sigma_s[k], sigma_a[up],
+                       sigma_s[up], level.position, level.nbr, level.parent, level.is_leaf, F[k],
+                       self.Q[k])  # fmt: skip
+            device.run(interface, m, m, fine.n, fine.h, fine.depth, where, sigma_a[k], sigma_s[k], sigma_a[k + 1],
+                       sigma_s[k + 1], level.interface, level.interface_start, fine.ghost_face, fine.position,
+                       F[k + 1], self.Q[k])  # fmt: skip
+        kernel = device.kernel("source", "moment", *defines)
+        device.run(kernel, cut.n, cut.n, finest.h, where, medium.D[-1], sigma_a[-1], sigma_s[-1], finest.position,
+                   cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment)  # fmt: skip
+
+    def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:
+        """The beam of a lamp inside the object starts in a cell: what it emits there is no divergence of B."""
+        depth, index = self.octree.find(lamp.position[None])
+        if index[0] < 0:
+            return
+        k = len(self.octree.levels) - 1 - int(depth[0])
+        sigma_a, sigma_s = self.medium.sigma_a[k], self.medium.sigma_s[k]
+        if self.medium.homogeneous:
+            a, s = np.array(sigma_a.tolist()), np.array(sigma_s.tolist())
+        else:
+            a, s = sigma_a.get()[index[0]].astype(float), sigma_s.get()[index[0]].astype(float)
+        power = 4 * np.pi * channels(lamp.intensity / unit)
+        Q = self.Q[k].get()
+        Q[index[0]] += power * s / (a + s)
+        self.Q[k].set(Q)
+        self.incident += power[:3]
+
+
+def _add_emission(device: Device, octree: Octree, light: Emission, unit: float, Q: list[Buffer]) -> None:
+    volume = octree.volumes()
+    for level, points, V, q in zip(octree.levels, cell_points(octree), volume, Q, strict=True):
+        values = np.zeros((level.n, CHANNELS))
+        leaf = level.leaf
+        values[leaf, :3] = light.density(points[leaf]) / unit * V[leaf, None]
+        q.set(q.get() + values)
+
+
+def light_unit(lights: list[Any], size: float) -> float:
+    """The strength to measure lights by, so that float32 holds them whatever their units [W/mm^2]."""
+    peaks = [0.0]
+    for light in lights:
+        if isinstance(light, DirectionalLight):
+            peaks.append(float(light.irradiance.max()))
+        elif isinstance(light, PointLight):
+            peaks.append(float(light.intensity.max()) / size**2)
+        elif isinstance(light, EnvironmentLight):
+            peaks.append(float(np.asarray(light.radiance).mean()) * np.pi)
+        elif not callable(light.q0):
+            peaks.append(float(np.max(light.q0)) * size)
+    return max(peaks) or 1.0
+
+
+def make_source(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float,
+                progress: Callable[[float], None] | None = None) -> Source:  # fmt: skip
+    """Deposit of all lights, in multiples of `unit` [W/mm^2].
+
+    Parameters
+    ----------
+    device, octree, medium
+        Where.
+    lights : list of DirectionalLight, PointLight, EnvironmentLight or Emission
+        They add up in one right-hand side.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    Source
+    """
+    beams = Beams(device, octree, medium)
+    collimated: list[Any] = []
+    for light in lights:
+        if isinstance(light, EnvironmentLight):
+            collimated += light.beams(ENVIRONMENT_BEAMS)
+        elif isinstance(light, Emission):
+            _add_emission(device, octree, light, unit, beams.Q)
+        else:
+            collimated.append(light)
+    for done, light in enumerate(collimated, 1):
+        beams.add(light, unit)
+        device.finish()
+        if progress is not None:
+            progress(done / len(collimated))
+    deposited = sum(q.get()[:, :3].astype(float).sum(axis=0) for q in beams.Q)
+    b = beams.Q
+    scale = device.kernel("source", "right_hand_side", *medium.defines)
+    for level, D, q in zip(octree.levels, medium.D, b, strict=True):
+        device.run(scale, level.n, level.n, D, q, q)
+    cut, h = octree.cut, octree.grid.h
+    kernel = device.kernel("source", "subtract_moment", *medium.defines)
+    device.run(kernel, cut.n, cut.n, h, medium.fresnel_A, medium.D[-1], cut.cell, cut.centroid, cut.boundary,
+               cut.normal, beams.moment, b[-1])  # fmt: skip
+    return Source(b, beams.moment, deposited * unit, beams.incident * unit)
