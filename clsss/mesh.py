@@ -125,8 +125,9 @@ def _bounding_box(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[n
         raise InputError(f"{name}: vertex {bad[0]} has a coordinate that is not a finite number")
     used = vertices[_used(vertices, faces)]
     box = np.array([used.min(axis=0), used.max(axis=0)])
-    longest = float(np.ptp(box, axis=0).max())
-    if not 0 < longest < np.inf:
+    with np.errstate(over="ignore"):
+        longest = float(np.ptp(box, axis=0).max())
+    if not 1e-290 < longest < 1e290:  # scaling must not overflow
         raise InputError(f"{name}: all vertices lie at one point or too far apart; there is no solid")
     return box, longest
 

@@ -56,8 +56,9 @@ def read(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def from_trimesh(mesh: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a `trimesh.Trimesh`, as `read` gives those of a file."""
+    """Vertices and triangles of a `trimesh.Trimesh` or scene, as `read` gives those of a file."""
     try:
+        mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh
         vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
     except (AttributeError, TypeError, ValueError) as error:
         kind = type(mesh).__name__

@@ -82,7 +82,8 @@ def repair(points: np.ndarray, faces: np.ndarray) -> Repaired:
     at = points[first]
     kept = np.flatnonzero(_distinct(corners))
     if len(kept) < len(corners):
-        repairs.append(f"dropped {len(corners) - len(kept)} triangles collapsed to an edge or a point")
+        collapsed = _count(len(corners) - len(kept), "triangle")
+        repairs.append(f"dropped {collapsed} that had shrunk to an edge or a point")
         corners = corners[kept]
     if edges.count.max(initial=0) > 2 or edges.n_odd:
         stay = _drop(at, corners, edges, repairs)
@@ -125,6 +126,10 @@ def _enclose(
     return drawn, solid, centroids
 
 
+def _count(n: int | np.integer, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
 def _distinct(corners: np.ndarray) -> np.ndarray:
     a, b, c = corners.T
     return (a != b) & (b != c) & (c != a)
@@ -164,7 +169,7 @@ def _drop(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: list[s
     stay = np.ones(len(corners), bool)
     high = thick(at, corners, _COLLINEAR)
     if not high.all() and half_edges(corners[high]).n_odd < edges.n_odd:
-        repairs.append(f"dropped {np.count_nonzero(~high)} triangles without area")
+        repairs.append(f"dropped {_count(np.count_nonzero(~high), 'triangle')} without area")
         stay = high
     crowded = np.zeros(len(corners), bool)
     crowded[edges.face[edges.count[edges.edge] > 2]] = True
@@ -186,8 +191,9 @@ def _drop(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: list[s
     closes_better = half_edges(corners[none]).n_odd < half_edges(corners[one]).n_odd
     if closes_better and 2 * np.count_nonzero(none) > len(corners):
         one = none
-    if np.count_nonzero(one) < np.count_nonzero(stay):
-        repairs.append(f"dropped {np.count_nonzero(stay) - np.count_nonzero(one)} duplicate triangles")
+    n_copies = np.count_nonzero(stay) - np.count_nonzero(one)
+    if n_copies:
+        repairs.append(f"dropped {_count(n_copies, 'duplicate triangle')}")
     return one
 
 
@@ -210,7 +216,7 @@ def _consistent(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: 
     component, side = np.minimum(as_is, turned), as_is > turned
     votes = np.bincount(component, np.where(side, 1, -1), minlength=2 * n)
     turn = (side == (votes[component] <= 0)) & ~one_sided
-    repairs.append(f"turned {np.count_nonzero(turn)} triangles that disagreed with their neighbours")
+    repairs.append(f"turned {_count(np.count_nonzero(turn), 'triangle')} to agree with the neighbours")
     return np.where(turn[:, None], corners[:, ::-1], corners)
 
 
@@ -232,7 +238,7 @@ def _sheets(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: list
     if not sheet.any() or 2 * area[sheet].sum() > area.sum():
         return np.zeros(len(corners), bool)
     loose = sheet[patch]
-    repairs.append(f"left {np.count_nonzero(loose)} loose triangles out of the solid")
+    repairs.append(f"left {_count(np.count_nonzero(loose), 'loose triangle')} out of the solid")
     return loose
 
 
@@ -255,8 +261,7 @@ def _caps(at: np.ndarray, corners: np.ndarray, repairs: list[str]) -> tuple[np.n
     middle = (at[head] + at[tail]) / 2 * weight[:, None]
     total = np.bincount(loop, weight)
     centroids = np.stack([np.bincount(loop, middle[:, k]) / total for k in range(3)], axis=1)
-    holes = "1 hole" if len(total) == 1 else f"{len(total)} holes"
-    repairs.append(f"capped {holes} of {len(tail)} open edges")
+    repairs.append(f"capped {_count(len(total), 'hole')} of {_count(len(tail), 'open edge')}")
     return np.stack([tail, head, len(at) + loop], axis=1), centroids
 
 
