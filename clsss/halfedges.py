@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+WELD_CELLS = 2**20  # along the longest side: positions closer than one cell may be one vertex
+
 
 @dataclass(frozen=True)
 class HalfEdges:
@@ -38,15 +40,18 @@ def half_edges(corners: np.ndarray) -> HalfEdges:
     tail, head = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
     low, high = np.minimum(tail, head), np.maximum(tail, head)
     n = int(corners.max(initial=0)) + 1
-    key = low.astype(np.int64) * n + high
+    key = low.astype(np.int64)
+    key *= n
+    key += high
     order = np.argsort(key)
     key = key[order]
     new = np.concatenate([[True], key[1:] != key[:-1]]) if len(key) else np.zeros(0, bool)
     start = np.flatnonzero(new)
-    sign = np.where(tail < head, 1, -1)[order]
-    net = np.add.reduceat(sign, start) if len(start) else np.zeros(0, np.int64)
+    sign = np.where(tail < head, np.int8(1), np.int8(-1))[order]
+    net = np.add.reduceat(sign, start, dtype=np.int64) if len(start) else np.zeros(0, np.int64)
     ends = np.stack([key[start] // n, key[start] % n], axis=1)
-    return HalfEdges(order // 3, sign, np.cumsum(new) - 1, start, np.diff(start, append=len(key)), net, ends)
+    edge, count = np.cumsum(new, dtype=np.int32) - 1, np.diff(start, append=len(key))
+    return HalfEdges(order // 3, sign, edge, start, count, net, ends)
 
 
 def join(a: np.ndarray, b: np.ndarray, n: int) -> np.ndarray:
@@ -67,8 +72,10 @@ def areas(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def thick(points: np.ndarray, corners: np.ndarray, aspect: float) -> np.ndarray:
     """Which triangles (f,) are higher than `aspect` times their longest side."""
     a, b, c = (points[corners[:, k]] for k in range(3))
-    longest = np.max([((q - p) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0, initial=0)
-    return 2 * areas(points, corners) > aspect * longest
+    sides = [b - a, c - a, c - b]
+    longest = np.max([np.einsum("ij,ij->i", side, side) for side in sides], axis=0, initial=0)
+    normal = np.cross(sides[0], sides[1])
+    return np.einsum("ij,ij->i", normal, normal) > (aspect * longest) ** 2
 
 
 def patches(n: int, edges: HalfEdges) -> np.ndarray:
@@ -85,3 +92,52 @@ def own_boundary(patch: np.ndarray, edges: HalfEdges) -> tuple[np.ndarray, np.nd
     net = np.bincount(inverse, edges.sign[loose], minlength=len(unique)).astype(np.int64)
     unique, net = unique[net != 0], net[net != 0]
     return unique // len(edges.net), unique % len(edges.net), net
+
+
+def distinct(corners: np.ndarray) -> np.ndarray:
+    """Which triangles (f,) have three different corners."""
+    a, b, c = corners.T
+    return (a != b) & (b != c) & (c != a)
+
+
+def weld(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, HalfEdges]:
+    """Give vertices at one position one index: by grid cell, then across cells where edges are open.
+
+    Parameters
+    ----------
+    points : (v, 3) float64
+        Vertices in [-1/2, 1/2]^3, apart from those no face uses.
+    faces : (f, 3) int
+        Triangles.
+
+    Returns
+    -------
+    welded : (v,) int32
+        Position that each vertex lies at, -1 for vertices no face uses.
+    first : (p,) int
+        First vertex at each position.
+    edges : HalfEdges
+        Of the triangles that still have three corners.
+    """
+    used = np.zeros(len(points), bool)
+    used[faces.ravel()] = True
+    cell = np.floor((points[used] + 0.5) * WELD_CELLS).astype(np.int64).clip(0, 2**21 - 1)
+    key = (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    welded = np.full(len(points), -1, np.int32)
+    welded[used] = inverse
+    first = np.flatnonzero(used)[first]
+    corners = welded[faces]
+    edges = half_edges(corners[distinct(corners)])
+    if edges.n_odd:
+        from scipy.spatial import cKDTree
+
+        loose = np.unique(edges.ends[edges.count % 2 == 1])
+        pairs = loose[cKDTree(points[first[loose]]).query_pairs(1.0 / WELD_CELLS, output_type="ndarray")]
+        if len(pairs):
+            merged = join(pairs[:, 0], pairs[:, 1], len(first))
+            first = first[np.unique(merged, return_index=True)[1]]
+            welded[used] = merged[welded[used]]
+            corners = welded[faces]
+            edges = half_edges(corners[distinct(corners)])
+    return welded, first, edges

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -160,18 +161,19 @@ def _ply_header(data: bytes, name: str) -> tuple[str, list[tuple[str, int, list[
 
 
 def _read_ply(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and polygons of a PLY file, text or binary of either byte order, polygons of any size."""
     order, elements, position = _ply_header(data, name)
-    body: Any = data
+    body = _PlyBody(data, order, position)
     if order == "":
         try:
-            body, position = np.array(data[position:].split(), np.float64), 0
+            body = _PlyBody(np.array(data[position:].split(), np.float64), order, 0)
         except ValueError as error:
             raise InputError(f"{name}: the text of the PLY file has something other than numbers") from error
     vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     for element, count, properties in elements:
         try:
-            columns, position = _ply_element(body, position, order, count, properties)
-        except (ValueError, IndexError) as error:
+            columns = body.read(count, properties) if count else {}
+        except (ValueError, OverflowError) as error:
             raise InputError(
                 f"{name}: the file is truncated: its header promises {count} of {element!r}, "
                 "more than the file holds"
@@ -182,67 +184,78 @@ def _read_ply(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
             vertices = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
         elif element == "face" and count:
             lists = next((columns[label] for label in _INDICES if label in columns), None)
-            if isinstance(lists, np.ndarray) and lists.shape[1] == 3:
-                faces = lists.astype(np.int64)
-            elif lists is not None:
-                faces = _fan([np.asarray(row, np.int64).tolist() for row in lists])
+            with np.errstate(invalid="ignore"):  # what is no index in a text becomes one out of range
+                if isinstance(lists, np.ndarray) and lists.shape[1] == 3:
+                    faces = lists.astype(np.int64)
+                elif lists is not None:
+                    faces = _fan([np.asarray(row).astype(np.int64).tolist() for row in lists])
     return vertices, faces
 
 
-def _ply_element(
-    body: Any, position: int, order: str, count: int, properties: list[tuple[str, ...]]
-) -> tuple[dict[str, Any], int]:
-    """Columns of one element by label, and where the next begins; ValueError where the body ends early.
+@dataclass
+class _PlyBody:
+    """What follows a PLY header: bytes, or the numbers of a text file, read from `position` on."""
 
-    `body` is bytes, or the numbers of a text file; lists of one length become (count, length) arrays,
-    others a list of rows.
-    """
-    if count == 0:
-        return {}, position
+    data: Any
+    order: str
+    position: int
 
-    def row_type(lengths: list[int]) -> np.dtype:
+    def read(self, count: int, properties: list[tuple[str, ...]]) -> dict[str, Any]:
+        """Columns of the next element by label; ValueError where the body ends early.
+
+        Lists of one length become (count, length) arrays, others a list of rows.
+        """
+        self._require(count, self._row_type(properties, [0] * len(properties)))  # before allocating
+        lengths = self._lengths(properties)
+        kind = self._row_type(properties, lengths)
+        start = self.position
+        try:
+            table = self._rows(count, kind)
+            if all((table[f"n{k}"] == lengths[k]).all() for k, p in enumerate(properties) if len(p) == 3):
+                return {label: table[f"p{k}"] for k, (label, *_) in enumerate(properties)}
+        except ValueError:
+            pass  # the first row's lists may be longer than the others
+        self.position = start
+        ragged: dict[str, Any] = {label: [] for label, *_ in properties}
+        for _ in range(count):
+            row = self._rows(1, self._row_type(properties, self._lengths(properties)))
+            for k, (label, *_) in enumerate(properties):
+                ragged[label].append(row[f"p{k}"][0])
+        return ragged
+
+    def _row_type(self, properties: list[tuple[str, ...]], lengths: list[int]) -> np.dtype:
+        """Layout of a row whose lists have these lengths: p0, p1, ..., before each list its length n0, ..."""
         fields: list[Any] = []
         for k, (_, kind, *counts) in enumerate(properties):
             if counts:
-                fields.append((f"n{k}", order + counts[0] if order else "f8"))
-            fields.append((f"p{k}", order + kind if order else "f8", *([(lengths[k],)] if counts else [])))
+                fields.append((f"n{k}", self.order + counts[0] if self.order else "f8"))
+            shape = [(lengths[k],)] if counts else []
+            fields.append((f"p{k}", self.order + kind if self.order else "f8", *shape))
         return np.dtype(fields)
 
-    is_list = [len(p) == 3 for p in properties]
-    width = 1 if order else 8  # positions count bytes, or numbers of eight bytes
-    if position + count * row_type([0] * len(properties)).itemsize // width > len(body):
-        raise ValueError("fewer rows than promised")
-
-    def rows(start: int, lengths: list[int], n: int) -> np.ndarray:
-        kind = row_type(lengths)
-        if start + n * kind.itemsize // width > len(body):
+    def _require(self, count: int, kind: np.dtype) -> int:
+        """Where `count` rows end; ValueError beyond the end of the body."""
+        end = self.position + count * kind.itemsize // (1 if self.order else 8)
+        if end > len(self.data):
             raise ValueError("fewer rows than promised")
-        return np.frombuffer(body, kind, n, start * width)
+        return end
 
-    def lengths_at(start: int) -> list[int]:
-        lengths = [0] * len(properties)
-        for k in np.flatnonzero(is_list):
-            lengths[k] = int(rows(start, lengths, 1)[f"n{k}"][0])
-            if lengths[k] < 0 or lengths[k] > len(body):
-                raise ValueError("a list longer than the file")
+    def _rows(self, count: int, kind: np.dtype) -> np.ndarray:
+        end = self._require(count, kind)
+        table = np.frombuffer(self.data, kind, count, self.position * (1 if self.order else 8))
+        self.position = end
+        return table
+
+    def _lengths(self, properties: list[tuple[str, ...]]) -> list[int]:
+        """Lengths of the lists of the row at `position`, 0 for what is no list."""
+        lengths, start = [0] * len(properties), self.position
+        for k in range(len(properties)):
+            if len(properties[k]) == 3:
+                row = self._rows(1, self._row_type(properties[: k + 1], lengths))
+                self.position, lengths[k] = start, int(row[f"n{k}"][0])
+                if not 0 <= lengths[k] <= len(self.data):
+                    raise ValueError("a list longer than the file")
         return lengths
-
-    lengths = lengths_at(position)
-    try:
-        table = rows(position, lengths, count)
-        uniform = all((table[f"n{k}"] == lengths[k]).all() for k in np.flatnonzero(is_list))
-    except ValueError:
-        uniform = False
-    if uniform:
-        columns = {label: table[f"p{k}"] for k, (label, *_) in enumerate(properties)}
-        return columns, position + table.nbytes // width
-    ragged: dict[str, Any] = {label: [] for label, *_ in properties}
-    for _ in range(count):
-        row = rows(position, lengths_at(position), 1)
-        for k, (label, *_) in enumerate(properties):
-            ragged[label].append(row[f"p{k}"][0])
-        position += row.nbytes // width
-    return ragged, position
 
 
 def _read_with_trimesh(path: Path, data: bytes, suffix: str) -> tuple[np.ndarray, np.ndarray]:

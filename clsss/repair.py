@@ -13,10 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from clsss.errors import InputError
-from clsss.halfedges import HalfEdges, areas, half_edges, join, own_boundary, patches, thick
+from clsss.halfedges import (
+    HalfEdges,
+    areas,
+    distinct,
+    half_edges,
+    join,
+    own_boundary,
+    patches,
+    thick,
+    weld,
+)
 from clsss.rays import winding
 
-WELD_CELLS = 2**20  # along the longest side: positions closer than one cell may be one vertex
 SOUP_SHARE = 0.5  # of all edges open: no surface to speak of, holes cannot be told from edges
 _COLLINEAR = 1e-7  # height of a triangle over its longest side: what rounding to float32 leaves of zero
 _NOTHING = 1e-12  # the same, where even double precision finds no normal
@@ -77,10 +86,14 @@ def repair(points: np.ndarray, faces: np.ndarray) -> Repaired:
         The surface is one-sided.
     """
     repairs: list[str] = []
-    welded, first, corners, edges = _weld(points, faces, repairs)
+    welded, first, edges = weld(points, faces)
+    n_used = int(np.count_nonzero(welded >= 0))
+    if len(first) < n_used:
+        repairs.append(f"welded {n_used} vertices into {len(first)} positions")
+    corners = welded[faces]
     was_closed = edges.n_odd == 0
     at = points[first]
-    kept = np.flatnonzero(_distinct(corners))
+    kept = np.flatnonzero(distinct(corners))
     if len(kept) < len(corners):
         collapsed = _count(len(corners) - len(kept), "triangle")
         repairs.append(f"dropped {collapsed} that had shrunk to an edge or a point")
@@ -130,40 +143,6 @@ def _count(n: int | np.integer, noun: str) -> str:
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
-def _distinct(corners: np.ndarray) -> np.ndarray:
-    a, b, c = corners.T
-    return (a != b) & (b != c) & (c != a)
-
-
-def _weld(points: np.ndarray, faces: np.ndarray, repairs: list[str]) -> tuple:
-    """Give vertices at one position one index; first by grid cell, then across cells where edges are open."""
-    used = np.zeros(len(points), bool)
-    used[faces.ravel()] = True
-    cell = np.floor((points[used] + 0.5) * WELD_CELLS).astype(np.int64).clip(0, 2**21 - 1)
-    key = (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    welded = np.full(len(points), -1)
-    welded[used] = inverse
-    first = np.flatnonzero(used)[first]
-    corners = welded[faces]
-    edges = half_edges(corners[_distinct(corners)])
-    if edges.n_odd:
-        from scipy.spatial import cKDTree
-
-        loose = np.unique(edges.ends[edges.count % 2 == 1])
-        pairs = loose[cKDTree(points[first[loose]]).query_pairs(1.0 / WELD_CELLS, output_type="ndarray")]
-        if len(pairs):
-            merged = join(pairs[:, 0], pairs[:, 1], len(first))
-            first = first[np.unique(merged, return_index=True)[1]]
-            welded[used] = merged[welded[used]]
-            corners = welded[faces]
-            edges = half_edges(corners[_distinct(corners)])
-    n_used = int(used.sum())
-    if len(first) < n_used:
-        repairs.append(f"welded {n_used} vertices into {len(first)} positions")
-    return welded, first, corners, edges
-
-
 def _drop(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: list[str]) -> np.ndarray:
     """Which faces (f,) stay: no loose slivers, no copies."""
     stay = np.ones(len(corners), bool)
@@ -171,6 +150,15 @@ def _drop(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: list[s
     if not high.all() and half_edges(corners[high]).n_odd < edges.n_odd:
         repairs.append(f"dropped {_count(np.count_nonzero(~high), 'triangle')} without area")
         stay = high
+    copies = _copies(corners, edges, stay)
+    if len(copies):
+        repairs.append(f"dropped {_count(len(copies), 'duplicate triangle')}")
+    stay[copies] = False
+    return stay
+
+
+def _copies(corners: np.ndarray, edges: HalfEdges, stay: np.ndarray) -> np.ndarray:
+    """Triangles (k,), of those that stay, that repeat another: all but one, or both of two opposite ones."""
     crowded = np.zeros(len(corners), bool)
     crowded[edges.face[edges.count[edges.edge] > 2]] = True
     crowded = np.flatnonzero(crowded & stay)
@@ -191,10 +179,7 @@ def _drop(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: list[s
     closes_better = half_edges(corners[none]).n_odd < half_edges(corners[one]).n_odd
     if closes_better and 2 * np.count_nonzero(none) > len(corners):
         one = none
-    n_copies = np.count_nonzero(stay) - np.count_nonzero(one)
-    if n_copies:
-        repairs.append(f"dropped {_count(n_copies, 'duplicate triangle')}")
-    return one
+    return np.flatnonzero(stay & ~one)
 
 
 def _consistent(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: list[str]) -> np.ndarray:

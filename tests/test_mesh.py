@@ -374,6 +374,8 @@ REFUSED = {
     "promise.ply": (ply(*TETRAHEDRON, count=4_000_000_000), "promises 4000000000 of 'face'"),
     "range.ply": (ply(*TETRAHEDRON, "3 0 1 99"), "triangle 4 names vertex 99"),
     "negative.ply": (ply(*TETRAHEDRON, "3 0 1 -3"), "triangle 4 names vertex -3"),
+    "word.ply": (ply(*TETRAHEDRON, "3 0 1 nan"), "triangle 4 names vertex -"),
+    "endless.ply": (ply(*TETRAHEDRON, "inf 0 1 2"), "promises 5 of 'face'"),
     "nan.ply": (ply(*TETRAHEDRON).replace("0 1 0\n", "0 nan 0\n"), "vertex 2 .*not a finite number"),
     "inf.ply": (ply(*TETRAHEDRON).replace("0 1 0\n", "0 inf 0\n"), "vertex 2 .*not a finite number"),
     "single.ply": (ply("3 0 1 2"), "no volume"),
