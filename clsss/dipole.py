@@ -1,0 +1,278 @@
+"""The dipole: diffusion in a half space, laid around any surface. The baseline, not the reference.
+
+    M(x) = int over the surface of R_d(|x - y|) E(y) dA(y)
+
+E is the light that enters: shadowed, times cosine and Fresnel transmittance. R_d is that of Jensen et al.
+2001, with their own boundary constant, or of d'Eon's better dipole. Input: mesh, homogeneous material,
+lights. Output: radiosity [W/mm^2] at the vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clsss.device import Device
+from clsss.errors import InputError
+from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
+from clsss.materials import Material, fresnel_A, fresnel_moments, fresnel_transmittance
+from clsss.mesh import Mesh, RayCaster
+from clsss.pointtree import octree
+from clsss.refine import areas, refine
+
+SKY_BEAMS = 256
+SPACING = 0.5  # of a transport mean free path: longest edge of a sample's triangle
+SOLID_ANGLE = 0.02  # [sr] up to which a group of samples counts as one
+LAUNCH_PAIRS = 2e7  # keeps a launch short enough to be stopped
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Pole:
+    """One of the two sources: depth, strength and offset in R_d (see `profile`), each (3,)."""
+
+    depth: np.ndarray
+    strength: np.ndarray
+    offset: np.ndarray
+
+
+def groenhuis_A(eta: float) -> float:
+    """Boundary constant of the classic dipole, from a polynomial for the diffuse Fresnel reflectance.
+
+    References
+    ----------
+    Groenhuis, Ferwerda and ten Bosch 1983, as used by Jensen et al. 2001; it differs from `fresnel_A`.
+    """
+    if eta >= 1:
+        reflectance = -1.440 / eta**2 + 0.710 / eta + 0.668 + 0.0636 * eta
+    else:
+        reflectance = -0.4399 + 0.7099 / eta - 0.3319 / eta**2 + 0.0636 / eta**3
+    return (1 + reflectance) / (1 - reflectance)
+
+
+def poles(material: Material, model: str) -> tuple[np.ndarray, Pole, Pole]:
+    """Attenuation (3,) [1/mm], and the real and the virtual source.
+
+    Parameters
+    ----------
+    material : Material
+        Homogeneous.
+    model : {"jensen", "better"}
+        Jensen et al. 2001, all orders of scattering; or d'Eon 2012, which leaves out light scattered once.
+    """
+    sigma_tr, albedo = material.sigma_tr, material.albedo
+    depth = 1 / sigma_tr
+    if model == "jensen":
+        image = depth * (1 + 4 / 3 * groenhuis_A(material.eta))
+        strength = albedo / (4 * np.pi)
+        return material.sigma_eff, Pole(depth, strength, 0 * depth), Pole(image, strength, 0 * depth)
+    if model != "better":
+        raise InputError(f"model: unknown value {model!r}; use jensen or better")
+    D = (sigma_tr + material.sigma_a) / (3 * sigma_tr**2)
+    R_phi, R_J = fresnel_moments(material.eta)
+    of_phi, of_flux = (1 - R_phi) / 4, (1 - R_J) / 2
+    image = depth + 4 * fresnel_A(material.eta) * D
+    strength = albedo**2 / (4 * np.pi)
+    # the virtual source is negative and lies outside, which turns the sign of its depth and of its strength
+    virtual = Pole(image, strength * of_flux, -of_phi / (D * of_flux))
+    return np.sqrt(material.sigma_a / D), Pole(depth, strength * of_flux, of_phi / (D * of_flux)), virtual
+
+
+def profile(r: Any, material: Material, model: str = "jensen") -> np.ndarray:
+    """R_d(r) [1/mm^2] (..., 3): power that leaves per area at distance r [mm] from where a unit enters.
+
+    R_d = sum over both sources of strength (z (1 + sigma d) / d^2 + offset) exp(-sigma d) / d, with
+    d^2 = r^2 + z^2 and z the source's depth.
+
+    References
+    ----------
+    Jensen et al. 2001, eq. (4); d'Eon 2012, "A better dipole", eq. (8).
+    """
+    sigma, *both = poles(material, model)
+    total = np.zeros((*np.shape(r), 3))
+    for p in both:
+        d = np.sqrt(np.square(r)[..., None] + p.depth**2)
+        total += p.strength * (p.depth * (1 + sigma * d) / d**2 + p.offset) * np.exp(-sigma * d) / d
+    return total
+
+
+def entering(
+    mesh: Mesh,
+    places: np.ndarray,
+    normals: np.ndarray,
+    eta: float,
+    lights: Sequence[Any],
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Irradiance that enters the surface (n, 3) [W/mm^2] at places with outward normals (n, 3).
+
+    Raises
+    ------
+    InputError
+        An `Emission`, which the dipole cannot take.
+    """
+    caster, total = RayCaster(mesh.triangles), np.zeros((len(places), 3))
+    start = places + 1e-5 * mesh.size * normals
+    beams: list[Any] = []
+    for light in lights:
+        beams += light.beams(SKY_BEAMS) if isinstance(light, EnvironmentLight) else [light]
+    for k, light in enumerate(beams):
+        if isinstance(light, PointLight):
+            towards = light.position - start
+            distance = np.linalg.norm(towards, axis=1, keepdims=True)
+            towards, strength = towards / distance, light.intensity / distance**2
+            reach: Any = distance[:, 0]
+        elif isinstance(light, DirectionalLight):
+            towards = np.broadcast_to(-light.direction, start.shape)
+            strength, reach = np.broadcast_to(light.irradiance, start.shape), np.inf
+        else:
+            raise InputError(
+                f"lights: the dipole takes beams, point lights and environments, not {type(light).__name__}"
+            )
+        cosine = np.einsum("ij,ij->i", normals, towards)
+        lit = np.flatnonzero(cosine > 0)
+        if len(lit):
+            reached = reach if np.isscalar(reach) else reach[lit]
+            lit = lit[~caster.occluded(start[lit], towards[lit], reached)]
+        total[lit] += (cosine * fresnel_transmittance(np.clip(cosine, 0, 1), eta))[lit, None] * strength[lit]
+        if progress:
+            progress("light", (k + 1) / len(beams))
+    return total
+
+
+def dipole(
+    mesh: Mesh,
+    material: Material,
+    lights: Sequence[Any],
+    model: str = "jensen",
+    hierarchical: bool = True,
+    device: Device | None = None,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Radiosity of the dipole at the mesh's vertices.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The solid.
+    material : Material
+        Homogeneous.
+    lights : sequence
+        Directional, point and environment lights.
+    model : {"jensen", "better"}
+        The classic dipole, of all orders of scattering, or d'Eon's, which leaves out light scattered once.
+    hierarchical : bool
+        Take far groups of samples as one; otherwise every vertex sums over every sample.
+    device : Device, optional
+        By default the best there is, in single precision.
+    progress : callable, optional
+        Called with "light" or "dipole" and the fraction done.
+
+    Returns
+    -------
+    (v, 3) float64
+        Radiosity [W/mm^2]; 0 for vertices that no face uses.
+
+    Raises
+    ------
+    InputError
+        The medium varies in space, a light shines inside, or the model is unknown.
+
+    References
+    ----------
+    Jensen et al. 2001, "A practical model for subsurface light transport"; Jensen and Buhler 2002, "A rapid
+    hierarchical rendering technique for translucent materials"; d'Eon 2012, "A better dipole".
+    """
+    if not material.homogeneous:
+        raise InputError("material: the dipole needs the same coefficients everywhere; use a Material")
+    sigma, *both = poles(material, model)
+    pieces, _ = refine(mesh.triangles, SPACING / material.sigma_tr.max())
+    normals = np.cross(*np.diff(pieces, axis=1).transpose(1, 0, 2))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    places = pieces.mean(axis=1)
+    lit = entering(mesh, places, normals, material.eta, lights, progress)
+    area = areas(pieces)
+    device = device or Device(precision="single")
+    columns = [v for p in both for v in (p.depth, p.strength, p.offset)]
+    shape = [device.vector(v) for v in (sigma, *columns)]
+    used = np.flatnonzero(np.any(mesh.normals != 0, axis=1))
+    out = np.zeros((len(mesh.vertices), 3))
+    sums = _tree if hierarchical else _pairs
+    out[used] = sums(device, shape, places, area, area[:, None] * lit, mesh.vertices[used], progress)
+    return out
+
+
+def _four(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values, np.zeros((len(values), 1))], axis=1)
+
+
+def _pairs(
+    device: Device,
+    shape: list[Any],
+    places: np.ndarray,
+    area: np.ndarray,
+    power: np.ndarray,
+    points: np.ndarray,
+    progress: Progress | None,
+) -> np.ndarray:
+    """Every point against every sample that light enters at."""
+    lit = np.flatnonzero(power.any(axis=1))
+    samples = device.array(_four(places[lit])), device.array(_four(power[lit]))
+    kernel = device.kernel("dipole", "gather")
+
+    def run(at: Any, out: Any, n: int) -> None:
+        device.run(kernel, n, n, len(lit), *shape, *samples, at, out)
+
+    return _in_slices(device, run, points, int(LAUNCH_PAIRS / max(len(lit), 1)), progress)
+
+
+def _tree(
+    device: Device,
+    shape: list[Any],
+    places: np.ndarray,
+    area: np.ndarray,
+    power: np.ndarray,
+    points: np.ndarray,
+    progress: Progress | None,
+) -> np.ndarray:
+    """Every point against groups of samples, finer where they are near."""
+    lit = np.flatnonzero(power.any(axis=1))
+    if not len(lit):
+        return np.zeros_like(points)
+    places, area, power = places[lit], area[lit], power[lit]
+    tree = octree(places)
+    places, area, power = places[tree.order], area[tree.order], power[tree.order]
+    total, whole = tree.sums(power), tree.sums(area)
+    weight = power.sum(axis=1)
+    centre = tree.sums(weight[:, None] * places) / tree.sums(weight)[:, None]
+    own = np.stack([tree.start, np.where(tree.leaf, tree.end, tree.start)], axis=1).astype(np.int32)
+    extent = np.stack([tree.half_diagonal, whole], axis=1)
+    arrays = [
+        device.array(v)
+        for v in (tree.skip, own, extent, _four(centre), _four(places), _four(power), _four(total))
+    ]
+    kernel = device.kernel("dipole", "gather_tree")
+
+    def run(at: Any, out: Any, n: int) -> None:
+        device.run(kernel, n, n, len(tree.start), *shape, SOLID_ANGLE, *arrays, at, out)
+
+    return _in_slices(device, run, points, 4096, progress)
+
+
+def _in_slices(
+    device: Device, run: Callable[..., None], points: np.ndarray, count: int, progress: Progress | None
+) -> np.ndarray:
+    """Run over the points, some at a time: Ctrl-C works in between."""
+    out, count = np.empty((len(points), 3)), max(count, 64)
+    for start in range(0, len(points), count):
+        some = _four(points[start : start + count])
+        radiosity = device.empty((len(some), 4))
+        run(device.array(some), radiosity, len(some))
+        out[start : start + count] = radiosity.get()[:, :3]
+        if progress:
+            progress("dipole", min(1.0, (start + count) / len(points)))
+    return out

@@ -1,0 +1,130 @@
+"""Random walks backwards from points on the surface to the lights (kernels/paths.cl); for equal indices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clsss.mesh import Mesh, RayCaster
+from clsss.transport import Scene, Sources, launches
+
+NEAR = 1e-3  # of the mesh's size: how far off the surface a point may lie
+INSET = 0.02  # of a triangle: how far points keep off its edges
+QUANTITIES = ("radiosity", "single", "multiple")
+
+
+def anchors(mesh: Mesh, points: np.ndarray, normals: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest place on the surface, a little off the triangles' edges.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The solid.
+    points : (n, 3) float64
+        Points on its surface [mm].
+    normals : (n, 3) float64, optional
+        To tell the two sides of thin parts apart.
+
+    Returns
+    -------
+    place : (n, 3) float64
+        Places on the surface [mm].
+    triangle : (n,) int64
+        Of `mesh.triangles`; -1 where none is near.
+    """
+    caster, near = RayCaster(mesh.triangles), NEAR * mesh.size
+    outward = np.cross(*np.diff(mesh.triangles, axis=1).transpose(1, 0, 2))
+    best, triangle, place = np.full(len(points), np.inf), np.full(len(points), -1), points.copy()
+    for axis in np.concatenate([np.eye(3), -np.eye(3)]):
+        t, index = caster.hit(points - near * axis, axis)
+        off = np.abs(t - near)
+        hit = (index >= 0) & (off < near)
+        if normals is not None:
+            off = off + near * (np.einsum("ij,ij->i", outward[index], normals) < 0)
+        better = hit & (off < best)
+        best[better], triangle[better] = off[better], index[better]
+        place[better] = points[better] + (t[better, None] - near) * axis
+    a, b, c = np.moveaxis(mesh.triangles[triangle], 1, 0)
+    normal = outward[triangle]
+    squared = np.maximum(np.einsum("ij,ij->i", normal, normal), np.finfo(float).tiny)
+    v = np.einsum("ij,ij->i", np.cross(place - a, c - a), normal) / squared
+    w = np.einsum("ij,ij->i", np.cross(b - a, place - a), normal) / squared
+    weight = np.clip(np.stack([1 - v - w, v, w], axis=1), INSET, 1)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return np.einsum("ij,ijk->ik", weight, mesh.triangles[triangle]), triangle
+
+
+def trace(
+    scene: Scene,
+    sources: Sources,
+    place: np.ndarray,
+    triangle: np.ndarray,
+    n_paths: int,
+    seed: int,
+    reenter: bool,
+    cap: int,
+    progress: Callable[[str, float], None] | None,
+) -> tuple[dict[str, np.ndarray], tuple[float, float]]:
+    """Means and standard errors (n, 3) of `QUANTITIES`, and the shares of paths lost and capped.
+
+    Parameters
+    ----------
+    scene : Scene
+        Surface and medium; its index of refraction is not looked at.
+    sources : Sources
+        The lights.
+    place, triangle : (n, 3) float64, (n,) int
+        Where paths start, as from `anchors`.
+    n_paths, seed, reenter, cap, progress
+        As in `clsss.montecarlo.estimate`.
+    """
+    device, n, channels = scene.device, len(place), scene.n_channels
+    size = float(np.max(scene.high - scene.low))
+    far = np.linalg.norm(sources.place[:, :3] - scene.centre, axis=1)
+    chance = (scene.strength / np.where(sources.lamps, np.maximum(far, size / 2), 1)[:, None] ** 2).mean(
+        axis=1
+    )
+    chance /= chance.sum()
+    arrays = (
+        device.array(sources.place),
+        device.array(scene.strength / np.maximum(chance, np.finfo(float).tiny)[:, None]),
+        device.array(np.cumsum(chance)),
+        device.array(place),
+        device.array(scene.places[triangle]),
+    )
+    counters = device.zeros(3, np.uint32)
+    box = device.vector(scene.low - 0.01 * size), device.vector(scene.high + 0.01 * size)
+    shape = n, channels, len(chance), scene.n_leaves, scene.leaf_size, cap, seed, int(reenter), scene.g
+    medium = scene.nodes, scene.origin, scene.inverse_spacing, scene.majorant, scene.grid
+    kernel, block = device.kernel("paths", "paths", *scene.defines), n * channels
+    sums = np.zeros((len(QUANTITIES), 2, block))
+    for start, count in launches(n_paths * block, progress):
+        out = device.empty((count, 2))
+        surface = scene.boxes, scene.triangles
+        device.run(
+            kernel,
+            count,
+            count,
+            start // block,
+            start % block,
+            *shape,
+            *box,
+            *medium,
+            *surface,
+            *arrays,
+            out,
+            counters,
+        )
+        total, single = out.get().astype(float).T
+        where = (start + np.arange(count)) % block
+        for into, values in zip(sums, (total, single, total - single), strict=True):
+            into[0] += np.bincount(where, values, block)
+            into[1] += np.bincount(where, values**2, block)
+    mean, square = sums[:, 0] / n_paths, sums[:, 1] / n_paths
+    error = np.sqrt(np.maximum(square - mean**2, 0) / max(n_paths - 1, 1))
+    results = {}
+    for name, m, e in zip(QUANTITIES, mean, error, strict=True):
+        results[name], results[f"{name}_stderr"] = (scene.rgb(v.reshape(channels, n).T) for v in (m, e))
+    lost, capped, _ = counters.get() / (n_paths * block)
+    return results, (float(lost), float(capped))

@@ -1,0 +1,54 @@
+"""Split large triangles: to sample a surface finely enough, and to count on small patches of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+MOST = 2_000_000  # pieces; beyond that the length asked for grows
+
+
+def areas(triangles: np.ndarray) -> np.ndarray:
+    """Areas (m,) of triangles (m, 3, 3)."""
+    return np.linalg.norm(np.cross(*np.diff(triangles, axis=1).transpose(1, 0, 2)), axis=1) / 2
+
+
+def refine(triangles: np.ndarray, length: float, at_least: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Cut each triangle into k x k equal pieces whose edges are no longer than `length`.
+
+    Parameters
+    ----------
+    triangles : (m, 3, 3) float64
+        Triangles [mm].
+    length : float
+        Longest edge wanted [mm]; longer ones stay where there would be more than `MOST` pieces.
+    at_least : int
+        Least k.
+
+    Returns
+    -------
+    pieces : (n, 3, 3) float64
+        The pieces, wound alike [mm].
+    parent : (n,) int64
+        The triangle each is of.
+    """
+    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    k = np.maximum(np.ceil(longest / length).astype(np.int64), at_least)
+    while np.sum(k**2) > MOST and k.max() > at_least:
+        length *= 1.1
+        k = np.maximum(np.ceil(longest / length).astype(np.int64), at_least)
+    pieces, parents = [], []
+    for count in np.unique(k):
+        which = np.flatnonzero(k == count)
+        corners = _pattern(int(count))
+        pieces.append(np.einsum("pqc,mcx->mpqx", corners, triangles[which]).reshape(-1, 3, 3))
+        parents.append(np.repeat(which, len(corners)))
+    return np.concatenate(pieces), np.concatenate(parents)
+
+
+def _pattern(k: int) -> np.ndarray:
+    """Barycentric corners (k^2, 3, 3) of the pieces of one triangle."""
+    i, j = (v.ravel() for v in np.indices((k, k)))
+    upright = np.stack([[i, j], [i + 1, j], [i, j + 1]], axis=0)[..., i + j < k]
+    inverted = np.stack([[i + 1, j], [i + 1, j + 1], [i, j + 1]], axis=0)[..., i + j < k - 1]
+    ij = np.concatenate([upright, inverted], axis=2).transpose(2, 0, 1) / k
+    return np.concatenate([1 - ij.sum(axis=2, keepdims=True), ij], axis=2)

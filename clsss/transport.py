@@ -1,0 +1,195 @@
+"""Surface, medium and lights as the Monte Carlo kernels take them.
+
+Channels whose coefficients and light colours are alike are traced once.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clsss.bvh import build
+from clsss.device import Buffer, Device
+from clsss.errors import InputError
+from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
+from clsss.materials import Medium
+
+SKY_BEAMS = 1024
+LAUNCH_SECONDS = 0.2
+GRID_NODES = 96  # along the longest side, for media that vary in space
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Beams and lamps.
+
+    Attributes
+    ----------
+    place : (l, 4) float64
+        Direction of travel and 0, or position [mm] and 1.
+    strength : (l, 3) float64
+        Irradiance [W/mm^2] or intensity [W/sr].
+    """
+
+    place: np.ndarray
+    strength: np.ndarray
+
+    @property
+    def lamps(self) -> np.ndarray:
+        """Which of them are lamps, (l,) bool."""
+        return self.place[:, 3] > 0
+
+
+def gather(lights: Sequence[Any]) -> Sources:
+    """Beams and lamps of all lights; a sky becomes `SKY_BEAMS` beams."""
+    place, strength = [], []
+    for light in [lights] if not isinstance(lights, Sequence) else lights:
+        if isinstance(light, PointLight):
+            place.append([*light.position, 1.0])
+            strength.append(light.intensity)
+            continue
+        if isinstance(light, EnvironmentLight):
+            beams = light.beams(SKY_BEAMS)
+        elif isinstance(light, DirectionalLight):
+            beams = [light]
+        else:
+            raise InputError(
+                f"lights: Monte Carlo takes beams, point lights and environments, not {type(light).__name__}"
+            )
+        place += [[*b.direction, 0.0] for b in beams]
+        strength += [b.irradiance for b in beams]
+    if not place or np.max(strength) == 0:
+        raise InputError("lights: there is no light; give at least one that is not black")
+    return Sources(np.array(place), np.array(strength))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What both kernels share.
+
+    Attributes
+    ----------
+    low, high : (3,) float64
+        Corners of the bounding box [mm].
+    radius : float
+        Of the sphere about the box's centre that holds everything [mm].
+    channel : (3,) int
+        For red, green and blue, the channel that is traced.
+    scale : (3,) float64
+        Each colour's strongest light: what results are to be multiplied by.
+    strength : (l, c) float64
+        Strengths of the lights in the channels traced, over the strongest.
+    places : (m,) int
+        Where on the device each of the triangles is.
+    n_places : int
+        How many places there are.
+    """
+
+    device: Device
+    low: np.ndarray
+    high: np.ndarray
+    radius: float
+    channel: np.ndarray
+    scale: np.ndarray
+    strength: np.ndarray
+    places: np.ndarray
+    n_places: int
+    leaf_size: int
+    n_leaves: int
+    g: float
+    nodes: Any
+    origin: Any
+    inverse_spacing: Any
+    defines: tuple[str, ...]
+    majorant: Buffer
+    grid: Buffer
+    boxes: Buffer
+    triangles: Buffer
+
+    @property
+    def centre(self) -> np.ndarray:
+        """Centre (3,) of the bounding box [mm]."""
+        return (self.low + self.high) / 2
+
+    @property
+    def n_channels(self) -> int:
+        """How many channels are traced."""
+        return self.strength.shape[1]
+
+    def rgb(self, values: np.ndarray) -> np.ndarray:
+        """Results (n, c) of the channels traced as (n, 3)."""
+        return values[:, self.channel] * self.scale
+
+
+def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: Device) -> Scene:
+    """Build the tree of boxes, sample the medium, copy both to the device."""
+    import pyopencl.cltypes as cltypes
+
+    tree = build(triangles)
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    values, spacing = _sampled(medium, low, high)
+    places = np.unique(tree.order, return_index=True)[1]
+    placed = np.repeat(triangles[tree.order][:, :1], 3, axis=1)  # second copies shrink to a point: never hit
+    placed[places] = triangles
+    scale = sources.strength.max(axis=0)
+    strength = sources.strength / np.maximum(scale, np.finfo(float).tiny)
+    keys = np.concatenate([values.reshape(3, -1), strength.T], axis=1)
+    _, chosen, channel = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    values = values[chosen]
+    size_z, size_y, size_x = values.shape[1:4]
+    return Scene(
+        device=device,
+        low=low,
+        high=high,
+        radius=float(np.linalg.norm(triangles - (low + high) / 2, axis=2).max()) * (1 + 1e-5),
+        channel=channel.ravel(),
+        scale=scale,
+        strength=strength[:, chosen],
+        places=places.astype(np.int32),
+        n_places=len(placed),
+        leaf_size=tree.leaf_size,
+        n_leaves=tree.n_leaves,
+        g=float(medium.g),
+        nodes=np.array((size_x, size_y, size_z, size_x * size_y * size_z), cltypes.int4),
+        origin=device.vector(low),
+        inverse_spacing=device.vector(1 / spacing),
+        defines=() if medium.homogeneous else ("HETEROGENEOUS",),
+        majorant=device.array(values.sum(axis=-1).reshape(len(values), -1).max(axis=1)),
+        grid=device.array(values),
+        boxes=device.array(tree.boxes),
+        triangles=device.array(placed),
+    )
+
+
+def _sampled(medium: Medium, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """sigma_a, sigma_s (3, nz, ny, nx, 2) at the nodes of a grid over the box, and its spacing [mm]."""
+    extent = np.maximum(high - low, 1e-6 * np.max(high - low))
+    if medium.homogeneous:
+        shape = np.ones(3, int)
+    else:
+        shape = np.maximum(np.ceil(extent / extent.max() * GRID_NODES), 2).astype(int)
+    spacing = extent / np.maximum(shape - 1, 1)
+    z, y, x = (v.ravel() for v in np.indices(tuple(shape[::-1])))
+    sigma_a, sigma_s = medium.coefficients(low + np.stack([x, y, z], axis=1) * spacing)
+    values = np.stack([sigma_a, sigma_s], axis=-1).transpose(1, 0, 2)
+    return values.reshape(3, *shape[::-1], 2), spacing
+
+
+def launches(
+    total: int, progress: Callable[[str, float], None] | None, block: int = 1
+) -> Iterator[tuple[int, int]]:
+    """Start and size of launches of about `LAUNCH_SECONDS`, in whole blocks: Ctrl-C works in between."""
+    start, count = 0, -(-1024 // block) * block
+    while start < total:
+        count = min(count, total - start)
+        began = time.perf_counter()
+        yield start, count
+        spent = max(time.perf_counter() - began, 1e-4)
+        start += count
+        count = int(np.clip(count * min(4.0, LAUNCH_SECONDS / spent), block, 2**20)) // block * block
+        if progress:
+            progress("paths", start / total)
