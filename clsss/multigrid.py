@@ -138,7 +138,8 @@ class Multigrid:
             self.device.run(self._add, level.n, level.n, e, x)
 
     def solve(self, b: list[Buffer], phi: list[Buffer], tolerance: float, max_cycles: int = 40,
-              progress: Callable[[float], None] | None = None) -> Convergence:  # fmt: skip
+              progress: Callable[[float], None] | None = None,
+              update: Callable[[list[Buffer]], None] | None = None) -> Convergence:  # fmt: skip
         """Solve A_h phi = b, starting from `phi`.
 
         Parameters
@@ -151,6 +152,8 @@ class Multigrid:
             Relative 2-norm of the residual to reach in every channel.
         progress : callable, optional
             Called with the fraction done after each cycle.
+        update : callable, optional
+            Called with `phi` before each residual; may overwrite `b` where the source follows the solution.
 
         Returns
         -------
@@ -161,6 +164,8 @@ class Multigrid:
         safe = np.where(scale > 0, scale, 1)
         residuals: list[np.ndarray] = []
         while True:
+            if update is not None:
+                update(phi)
             self.residual(phi, b, self.r)
             residuals.append(np.where(scale > 0, self.norm(self.r) / safe, 0))
             worst = float(residuals[-1].max())

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from clsss import __version__, cutcell, diffusion, octree, source, surface
+from clsss import __version__, cutcell, diffusion, exchange, octree, source, surface
 from clsss.device import Buffer, Device
 from clsss.errors import DeviceError, InputError
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
@@ -20,7 +20,7 @@ from clsss.mesh import Mesh, contains
 from clsss.multigrid import Convergence, Multigrid
 
 Progress = Callable[[str, float], None]
-STAGES = ("device", "cut cells", "octree", "source", "solve", "surface")
+STAGES = ("device", "cut cells", "octree", "exchange", "source", "solve", "surface")
 BYTES_PER_CELL = 420  # host and device together, measured on bakes of 0.1 to 3 million cells
 
 
@@ -47,35 +47,43 @@ class Result:
     vertex_fluence: np.ndarray
     report: dict[str, Any]
     _scene: _Scene = field(repr=False)
-    _phi: list[Buffer] = field(repr=False)
-    _phi_B: Buffer = field(repr=False)
-    _unit: float = field(repr=False)
+    _light: _Light = field(repr=False)
 
     def radiosity(self, points: Any) -> np.ndarray:
         """Radiosity (n, 3) [W/mm^2] at points (n, 3) on or near the surface [mm]."""
         scene = self._scene
-        fluence = surface.fluence_at(scene.device, scene.octree, self._phi_B, _points(points))
-        return fluence * self._unit / (2 * scene.medium.fresnel_A)
+        return surface.fluence_at(scene.device, scene.octree, self._light.exitance, _points(points)) * self._light.unit
 
     def fluence(self, points: Any) -> np.ndarray:
         """Fluence (n, 3) of the scattered light [W/mm^2] at points (n, 3) inside [mm]; NaN outside."""
         points = _points(points)
         out = np.full((len(points), 3), np.nan)
         inside = contains(self.mesh, points)
-        out[inside] = self._scene.fluence(self._phi, points[inside]) * self._unit
+        out[inside] = self._scene.fluence(self._light.phi, points[inside]) * self._light.unit
         return out
 
     def relight(self, lights: Sequence[Any], progress: bool | Progress | None = None) -> Result:
         """The same object under other lights: only source and solve are redone, from the last solution."""
         start = time.perf_counter()
         seconds = {"load": 0.0, **dict.fromkeys(STAGES, 0.0)}
-        return _light(self._scene, _checked(lights), seconds, start, _reporter(progress), self)
+        return _light(self._scene, _checked(lights), seconds, start, _reporter(progress), self._light)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save by suffix: .glb .ply .obj .npz .vtu; written to a temporary name, then moved."""
         from clsss.export import save
 
         save(self, path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """A solution in multiples of `unit` [W/mm^2]: fluence, and at the cut cells' boundary J.n and all that leaves."""
+
+    phi: list[Buffer]
+    flux: np.ndarray
+    exitance: Buffer
+    H: np.ndarray | None
+    unit: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +96,7 @@ class _Scene:
     octree: octree.Octree
     medium: diffusion.Coefficients
     multigrid: Multigrid
+    exchange: exchange.Exchange | None
     tolerance: float
 
     def fluence(self, phi: list[Buffer], points: np.ndarray) -> np.ndarray:
@@ -178,44 +187,92 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta))
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         dev.finish()
-    scene = _Scene(dev, mesh, medium, tree, coefficients, multigrid, tolerance)
+    with _timed("exchange", seconds, tell):
+        coupling = exchange.trace_exchange(mesh, tree, medium.eta, lambda f: tell("exchange", f))
+    scene = _Scene(dev, mesh, medium, tree, coefficients, multigrid, coupling, tolerance)
     return _light(scene, lights, seconds, start, tell, None)
 
 
+class _Boundary:
+    """The right-hand side at the boundary, which follows the light that parts of the surface exchange."""
+
+    def __init__(self, scene: _Scene, src: source.Source, H: np.ndarray | None):
+        self.scene, self.src = scene, src
+        self.plain = scene.device.empty(src.b[-1].shape)
+        self.plain.copy_from(src.b[-1])
+        n_patches = 0 if scene.exchange is None else scene.exchange.share.shape[0]
+        self.H = np.zeros((n_patches, 3)) if H is None else H
+        self.entering = np.zeros((n_patches, 3))
+        self.moment = scene.device.empty(src.moment.shape)
+        self.r_B = src.moment.get()
+
+    def update(self, phi: list[Buffer]) -> None:
+        """Let what leaves each patch arrive at the others, and set the right-hand side."""
+        scene, coupling = self.scene, self.scene.exchange
+        if coupling is not None:
+            leaving = coupling.share @ self.flux(phi) + self.H
+            self.H, self.entering = coupling.arriving @ leaving, coupling.entering @ leaving
+        self.apply()
+
+    def apply(self) -> None:
+        """Set the right-hand side for the present exchange."""
+        scene, coupling = self.scene, self.scene.exchange
+        moment = self.r_B.copy()
+        if coupling is not None:
+            moment[:, :3] -= coupling.gain * self.entering[coupling.patch]
+        self.moment.set(moment)
+        self.src.b[-1].copy_from(self.plain)
+        source.subtract_moment(scene.device, scene.octree, scene.medium, self.moment, self.src.b[-1])
+
+    def flux(self, phi: list[Buffer]) -> np.ndarray:
+        """J.n (n_cut, 3) at the boundary of the cut cells."""
+        values = self.scene.multigrid.residual.boundary_value(phi, self.moment).get()
+        return values[:, :3].astype(float) / (2 * self.scene.medium.fresnel_A)
+
+
 def _light(scene: _Scene, lights: tuple[Any, ...], seconds: dict[str, float], start: float, tell: Progress,
-           last: Result | None) -> Result:  # fmt: skip
+           last: _Light | None) -> Result:  # fmt: skip
     """Source, solve and surface values, from the last solution where there is one."""
-    device, tree = scene.device, scene.octree
+    device, tree, medium = scene.device, scene.octree, scene.medium
     unit = source.light_unit(list(lights), scene.mesh.size)
     with _timed("source", seconds, tell):
-        src = source.make_source(device, tree, scene.medium, list(lights), unit, lambda f: tell("source", f))
+        src = source.make_source(device, tree, medium, list(lights), unit, lambda f: tell("source", f))
     with _timed("solve", seconds, tell):
         phi = [device.zeros((level.n + level.n_ghost, diffusion.CHANNELS)) for level in tree.levels]
+        boundary = _Boundary(scene, src, None)
+        boundary.apply()
         if last is not None:
-            for new, old in zip(phi, last._phi, strict=True):
-                new.set(old.get() * (last._unit / unit))
-        convergence = scene.multigrid.solve(src.b, phi, scene.tolerance, progress=lambda f: tell("solve", f))
+            for new, old in zip(phi, last.phi, strict=True):
+                new.set(old.get() * (last.unit / unit))
+            boundary.H = boundary.H if last.H is None else last.H * (last.unit / unit)
+        convergence = scene.multigrid.solve(src.b, phi, scene.tolerance, progress=lambda f: tell("solve", f),
+                                            update=boundary.update if scene.exchange else None)  # fmt: skip
     with _timed("surface", seconds, tell):
-        phi_B = scene.multigrid.residual.boundary_value(phi, src.moment)
+        flux = boundary.flux(phi)
+        exitance, fluence = flux, 2 * medium.fresnel_A * flux
+        if scene.exchange is not None:
+            entering = boundary.entering[scene.exchange.patch]
+            exitance, fluence = flux + entering, fluence + scene.exchange.gain * entering
+        fields = [device.array(diffusion.channels(values)) for values in (exitance, fluence)]
         mesh = scene.mesh
-        fluence = surface.fluence_at(device, tree, phi_B, mesh.vertices, mesh.normals) * unit
+        at_vertices = [surface.fluence_at(device, tree, f, mesh.vertices, mesh.normals) * unit for f in fields]
     seconds["total"] = seconds["load"] + time.perf_counter() - start
-    report = _report(scene, src, convergence, phi, phi_B, unit, seconds)
-    radiosity = fluence / (2 * scene.medium.fresnel_A)
-    return Result(mesh, scene.given_medium, lights, radiosity, fluence, report, scene, phi, phi_B, unit)
+    solution = _Light(phi, flux, fields[0], boundary.H, unit)
+    report = _report(scene, src, convergence, solution, seconds)
+    return Result(mesh, scene.given_medium, lights, *at_vertices, report, scene, solution)
 
 
-def _report(scene: _Scene, src: source.Source, convergence: Convergence, phi: list[Buffer], phi_B: Buffer,
-            unit: float, seconds: dict[str, float]) -> dict[str, Any]:  # fmt: skip
+def _report(scene: _Scene, src: source.Source, convergence: Convergence, solution: _Light,
+            seconds: dict[str, float]) -> dict[str, Any]:  # fmt: skip
     import resource
 
     tree, medium = scene.octree, scene.medium
     absorbed = np.zeros(3)
-    for level, x, volume, sigma_a in zip(tree.levels, phi, tree.volumes(), medium.sigma_a, strict=True):
+    for level, x, volume, sigma_a in zip(tree.levels, solution.phi, tree.volumes(), medium.sigma_a, strict=True):
         rate = np.array(sigma_a.tolist()) if medium.homogeneous else sigma_a.get().astype(float)
         absorbed += (x.get()[: level.n] * rate * (volume * level.leaf)[:, None]).sum(axis=0)[:3]
     area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
-    exited = area @ phi_B.get()[:, :3].astype(float) / (2 * medium.fresnel_A)
+    exited = area @ solution.flux
     return {
         "clsss": __version__,
         "device": scene.device.name,
@@ -235,11 +292,15 @@ def _report(scene: _Scene, src: source.Source, convergence: Convergence, phi: li
             "converged": convergence.converged,
             "factor": convergence.factor,
         },
+        "exchange": {
+            "patches": 0 if scene.exchange is None else scene.exchange.share.shape[0],
+            "rays": 0 if scene.exchange is None else scene.exchange.rays,
+        },
         "energy": {
             "incident_W": src.incident.tolist(),
             "deposited_W": src.deposited.tolist(),
-            "absorbed_W": (absorbed * unit).tolist(),
-            "exited_W": (exited * unit).tolist(),
+            "absorbed_W": (absorbed * solution.unit).tolist(),
+            "exited_W": (exited * solution.unit).tolist(),
         },
         "seconds": {key.replace(" ", ""): round(value, 4) for key, value in seconds.items()},
         "memory_mb": {

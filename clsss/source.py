@@ -33,7 +33,7 @@ class Source:
     Attributes
     ----------
     b : list of (n, 4) real, device
-        What each leaf receives, in the operator's scale.
+        What each leaf receives, in the operator's scale, before `subtract_moment`.
     moment : (n_cut, 4) real, device
         First moment r_B of the source between centroid and surface [W/mm^2].
     deposited, incident : (3,) float
@@ -212,8 +212,12 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
     scale = device.kernel("source", "right_hand_side", *medium.defines)
     for level, D, q in zip(octree.levels, medium.D, b, strict=True):
         device.run(scale, level.n, level.n, D, q, q)
-    cut, h = octree.cut, octree.grid.h
-    kernel = device.kernel("source", "subtract_moment", *medium.defines)
-    device.run(kernel, cut.n, cut.n, h, medium.fresnel_A, medium.D[-1], cut.cell, cut.centroid, cut.boundary,
-               cut.normal, beams.moment, b[-1])  # fmt: skip
     return Source(b, beams.moment, deposited * unit, beams.incident * unit)
+
+
+def subtract_moment(device: Device, octree: Octree, medium: Coefficients, moment: Buffer, b: Buffer) -> None:
+    """Take the boundary's first moment (n_cut, 4) [W/mm^2] from the finest level's right-hand side `b`."""
+    cut = octree.cut
+    kernel = device.kernel("source", "subtract_moment", *medium.defines)
+    device.run(kernel, cut.n, cut.n, octree.grid.h, medium.fresnel_A, medium.D[-1], cut.cell, cut.centroid,
+               cut.boundary, cut.normal, moment, b)  # fmt: skip

@@ -1,0 +1,201 @@
+"""Light that leaves one part of the surface, crosses a cavity or a concavity, and enters another.
+
+    H = F B,   B = J.n + H,   J.n = (phi_B - 4 H_t / (1 - R_phi)) / (2A)
+
+H is the irradiance that arrives from the rest of the surface, H_t the part that the boundary lets in, B all that
+leaves. The exchange F between patches of cut cells is traced with rays from both ends of each pair, weighted so
+that what one patch sends is what the other receives.
+
+References
+----------
+Partial-current balance of Haskell et al. 1994 with incoming light; Veach and Guibas 1995 (balance heuristic).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from clsss.materials import fresnel_A, fresnel_moments, fresnel_transmittance
+from clsss.mesh import Mesh
+from clsss.octree import Octree
+from clsss.rays import RayCaster
+from clsss.surface import boundary_points
+
+PROBES = 16  # rays that tell whether a patch sees the object at all
+RAYS = 128
+CHUNK = 1 << 18
+GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # R3 low-discrepancy sequence
+
+
+@dataclass(frozen=True, eq=False)
+class Exchange:
+    """Transport between patches of the surface.
+
+    Attributes
+    ----------
+    patch : (n_cut,) int
+        Patch of each cut cell.
+    share : (p, n_cut) sparse
+        Area-weighted mean over the cells of each patch.
+    arriving, entering : (p, p) sparse
+        H and H_t per B.
+    gain : float
+        4 / (1 - R_phi): what H_t adds to the fluence at the boundary.
+    rays : int
+        Rays traced.
+    seconds : float
+    """
+
+    patch: np.ndarray
+    share: sparse.csr_matrix
+    arriving: sparse.csr_matrix
+    entering: sparse.csr_matrix
+    gain: float
+    rays: int
+    seconds: float
+
+
+def leaving_shape(mu: np.ndarray, eta: float) -> np.ndarray:
+    """Radiance leaving at outside cosine `mu`, relative to that of a Lambertian surface of the same exitance.
+
+    L = (1 - R) (phi_B + 3 J cos theta_i) / (4 pi eta^2) with phi_B = 2 A J.
+    """
+    A = fresnel_A(eta)
+
+    def shape(mu: np.ndarray) -> np.ndarray:
+        inner = np.sqrt(1 - (1 - mu * mu) / eta**2) if eta >= 1 else np.sqrt(np.maximum(0, 1 - (1 - mu * mu) / eta**2))
+        return fresnel_transmittance(mu, eta) * (2 * A + 3 * inner)
+
+    x, weight = np.polynomial.legendre.leggauss(64)
+    nodes = (x + 1) / 2
+    return shape(mu) / float((weight * nodes * shape(nodes)).sum())
+
+
+def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np.ndarray, sparse.csr_matrix]:
+    """Cut cells of one parent whose normals share their main axis, and their area-weighted mean."""
+    coarse = octree.finest.ijk[octree.cut.cell.get()].astype(np.int64) >> 1
+    axis = np.abs(normals).argmax(axis=1)
+    side = normals[np.arange(len(normals)), axis] > 0
+    dims = np.array(octree.grid.dims) // 2 + 1
+    key = ((coarse[:, 2] * dims[1] + coarse[:, 1]) * dims[0] + coarse[:, 0]) * 6 + 2 * axis + side
+    _, patch = np.unique(key, return_inverse=True)
+    total = np.bincount(patch, areas)
+    weight = areas / np.maximum(total[patch], 1e-300)
+    return patch, sparse.csr_matrix((weight, (patch, np.arange(len(patch)))), shape=(len(total), len(patch)))
+
+
+class _Tracer:
+    """Rays from patches to the patches that they hit."""
+
+    def __init__(self, mesh: Mesh, octree: Octree, patch: np.ndarray):
+        self.caster, self.octree, self.patch = RayCaster(mesh.triangles), octree, patch
+        self.points, self.normals = boundary_points(octree)
+        self.h = octree.grid.h
+        self.cut_index = octree.cut_index.get()
+        corner = np.moveaxis(mesh.triangles, 1, 0)
+        facing = np.cross(corner[1] - corner[0], corner[2] - corner[0])
+        self.facing = facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-300)
+        order = np.argsort(patch, kind="stable")
+        self.members, self.first = order, np.searchsorted(patch[order], np.arange(patch.max() + 2))
+        self.tree: cKDTree | None = None
+        self.rays = 0
+
+    def trace(self, patches: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Rays number `k` of `patches`: which of them hit, the patch hit, and the cosines at both ends."""
+        self.rays += len(patches)
+        turn = (patches[:, None] * np.array([0.7548776662, 0.5698402910, 0.3819660113])) % 1
+        u = (turn + (k[:, None] + 0.5) * GOLDEN) % 1
+        count = self.first[patches + 1] - self.first[patches]
+        cell = self.members[self.first[patches] + np.minimum((u[:, 2] * count).astype(int), count - 1)]
+        n = self.normals[cell]
+        seed = np.where(np.abs(n[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
+        s = np.cross(n, seed)
+        s /= np.maximum(np.linalg.norm(s, axis=1, keepdims=True), 1e-300)
+        radius, angle = np.sqrt(u[:, :1]), 2 * np.pi * u[:, 1:2]
+        mu = np.sqrt(1 - u[:, :1])
+        direction = radius * (np.cos(angle) * s + np.sin(angle) * np.cross(n, s)) + mu * n
+        origin = self.points[cell] + 0.1 * self.h * n
+        t, triangle = self.caster.hit(origin, direction)
+        # a centroid under the mesh's skin meets it from behind: go on from there
+        behind = np.flatnonzero((triangle >= 0) & ((self.facing[triangle] * direction).sum(axis=1) > 0))
+        if len(behind):
+            start = origin[behind] + (t[behind, None] + 1e-3 * self.h) * direction[behind]
+            t[behind], triangle[behind] = self.caster.hit(start, direction[behind])
+            t[behind] += np.linalg.norm(start - origin[behind], axis=1)
+        seen = (triangle >= 0) & ((self.facing[triangle] * direction).sum(axis=1) < 0)
+        hit = np.flatnonzero(seen)
+        end = origin[hit] + t[hit, None] * direction[hit]
+        other = self._cell_at(end, self.facing[triangle[hit]])
+        good = self.patch[other] != patches[hit]
+        hit, other = hit[good], other[good]
+        arriving = np.clip(-(self.normals[other] * direction[hit]).sum(axis=1), 0.05, 1.0)
+        return hit, self.patch[other], mu[hit, 0], arriving
+
+    def _cell_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Cut cell at points of the mesh, which may run half a cell beside the cells' own surface."""
+        found = np.full(len(points), -1)
+        for offset in (0.0, -0.4, 0.4):
+            left = np.flatnonzero(found < 0)
+            depth, index = self.octree.find(points[left] + offset * self.h * normals[left])
+            fine = depth == 0
+            found[left[fine]] = self.cut_index[index[fine]]
+        left = np.flatnonzero(found < 0)
+        if len(left):
+            self.tree = self.tree or cKDTree(self.points)
+            found[left] = self.tree.query(points[left])[1]
+        return found
+
+
+def trace_exchange(mesh: Mesh, octree: Octree, eta: float,
+                   progress: Callable[[float], None] | None = None) -> Exchange | None:  # fmt: skip
+    """The exchange between the parts of a surface, or None where no part sees another.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    octree : Octree
+    eta : float
+        Relative index of refraction.
+    progress : callable, optional
+        Called with the fraction done.
+    """
+    start = time.perf_counter()
+    _, normals = boundary_points(octree)
+    areas = octree.cut.boundary.get()[:, 3].astype(float) * octree.grid.h**2
+    patch, share = _patches(octree, normals, areas)
+    area = np.bincount(patch, areas)
+    n = len(area)
+    tracer = _Tracer(mesh, octree, patch)
+    probes = np.repeat(np.arange(n), PROBES)
+    hit, other, _, _ = tracer.trace(probes, np.tile(np.arange(PROBES), n))
+    active = np.zeros(n, bool)
+    active[probes[hit]] = active[other] = True
+    if not active.any():
+        return None
+    sources = np.repeat(np.flatnonzero(active), RAYS)
+    numbers = np.tile(np.arange(RAYS) + PROBES, int(active.sum()))
+    rows, columns, arriving, entering = [], [], [], []
+    for first in range(0, len(sources), CHUNK):
+        part = slice(first, first + CHUNK)
+        hit, other, mu, mu_other = tracer.trace(sources[part], numbers[part])
+        own = sources[part][hit]
+        balance = area[[own, other]] / (area[own] + area[other]) / RAYS
+        for here, there, mu_in, mu_out, weight in ((own, other, mu, mu_other, balance[1]),
+                                                   (other, own, mu_other, mu, balance[0])):  # fmt: skip
+            flow = weight * leaving_shape(mu_out, eta)
+            rows.append(here)
+            columns.append(there)
+            arriving.append(flow)
+            entering.append(flow * fresnel_transmittance(mu_in, eta))
+        if progress is not None:
+            progress(min(1.0, (first + CHUNK) / len(sources)))
+    where = (np.concatenate(rows), np.concatenate(columns))
+    gain = 4 / (1 - fresnel_moments(eta)[0])
+    matrices = [sparse.coo_matrix((np.concatenate(v), where), shape=(n, n)).tocsr() for v in (arriving, entering)]
+    return Exchange(patch, share, *matrices, gain, tracer.rays, time.perf_counter() - start)
