@@ -150,7 +150,7 @@ def _scaled(
     points = vertices * scale
     corners = np.concatenate([points[repaired.first], (repaired.centroids * longest + centre) * scale])
     triangles = corners[repaired.solid]
-    _require_volume(triangles, extent * scale, repaired.closed, name)
+    _require_volume(triangles, centre * scale, extent * scale, name)
     repairs = list(repaired.repairs)
     reach = float(np.abs(centre).max())
     if longest < 1e-5 * reach and (vertices == vertices.astype(np.float32)).all():
@@ -166,13 +166,12 @@ def _scaled(
     return Mesh(points, drawn, normals, triangles, repaired.closed, report, name)
 
 
-def _require_volume(triangles: np.ndarray, length: float, closed: bool, name: str) -> None:
-    a, b, c = np.moveaxis((triangles - triangles[:1, :1]) / length, 1, 0)
+def _require_volume(triangles: np.ndarray, centre: np.ndarray, length: float, name: str) -> None:
+    a, b, c = np.moveaxis((triangles - centre) / length, 1, 0)
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
     if not abs(volume) > _FLAT * area:
-        what = "closed surface" if closed else "surface"
-        raise InputError(f"{name}: its {what} holds no volume; clsss needs a solid with an inside")
+        raise InputError(f"{name}: its surface holds no volume; clsss needs a solid with an inside")
 
 
 def _normals(points: np.ndarray, faces: np.ndarray, used: np.ndarray, welded: np.ndarray) -> np.ndarray:

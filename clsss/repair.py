@@ -26,7 +26,7 @@ from clsss.halfedges import (
 )
 from clsss.rays import winding
 
-SOUP_SHARE = 0.5  # of all edges open: no surface to speak of, holes cannot be told from edges
+FEW_HOLES = (20, 0.1)  # open edges, and share of all: with more, holes cannot be told from what is missing
 _COLLINEAR = 1e-7  # height of a triangle over its longest side: what rounding to float32 leaves of zero
 _NOTHING = 1e-12  # the same, where even double precision finds no normal
 
@@ -106,14 +106,16 @@ def repair(points: np.ndarray, faces: np.ndarray) -> Repaired:
     if (edges.net[edges.count == 2] != 0).any():
         drawn = _consistent(at, drawn, edges, repairs)
         edges = half_edges(drawn)
-    soup = edges.n_open > SOUP_SHARE * 3 * len(drawn)
+    loose, soup = np.zeros(len(drawn), bool), edges.n_open > FEW_HOLES[0] + FEW_HOLES[1] * 3 * len(drawn)
+    if edges.n_open and not soup:
+        loose, soup = _sheets(at, drawn, edges)
     if soup:
-        repairs.append("almost no two triangles share an edge: left open, the inside is where it winds round")
+        repairs.append("too many edges are open to cap holes; the inside is where the surface winds round")
         solid, centroids = drawn, np.zeros((0, 3))
         if _volumes(at, drawn).sum() < 0:
             drawn = solid = drawn[:, ::-1]
     else:
-        drawn, solid, centroids = _enclose(at, drawn, edges, repairs)
+        drawn, solid, centroids = _enclose(at, drawn, loose, edges, repairs)
     solid = solid[thick(np.concatenate([at, centroids]), solid, _NOTHING)]
     turned, visible = drawn[:, 0] != corners[:, 0], thick(at, drawn, _NOTHING)
     return Repaired(
@@ -122,20 +124,20 @@ def repair(points: np.ndarray, faces: np.ndarray) -> Repaired:
 
 
 def _enclose(
-    at: np.ndarray, drawn: np.ndarray, edges: HalfEdges, repairs: list[str]
+    at: np.ndarray, drawn: np.ndarray, loose: np.ndarray, edges: HalfEdges, repairs: list[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Faces turned outward, the closed surface they and their caps make, and the caps' centroids."""
-    sheets = np.zeros(len(drawn), bool)
     solid, centroids, n_caps = drawn, np.zeros((0, 3)), 0
+    if loose.any():
+        repairs.append(f"left {_count(np.count_nonzero(loose), 'loose triangle')} out of the solid")
     if edges.n_open:
-        sheets = _sheets(at, drawn, edges, repairs)
-        caps, centroids = _caps(at, drawn[~sheets], repairs)
-        solid, n_caps = np.concatenate([drawn[~sheets], caps]), len(caps)
+        caps, centroids = _caps(at, drawn[~loose], repairs)
+        solid, n_caps = np.concatenate([drawn[~loose], caps]), len(caps)
         edges = half_edges(solid)
     turn = _inward(np.concatenate([at, centroids]), solid, edges, repairs)
     solid = np.where(turn[:, None], solid[:, ::-1], solid)
     drawn = drawn.copy()
-    drawn[~sheets] = solid[: len(solid) - n_caps]
+    drawn[~loose] = solid[: len(solid) - n_caps]
     return drawn, solid, centroids
 
 
@@ -205,26 +207,28 @@ def _consistent(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: 
     return np.where(turn[:, None], corners[:, ::-1], corners)
 
 
-def _sheets(at: np.ndarray, corners: np.ndarray, edges: HalfEdges, repairs: list[str]) -> np.ndarray:
-    """Faces (f,) of open sheets that bound nothing beside a body that does: fins, loose triangles.
+def _sheets(at: np.ndarray, corners: np.ndarray, edges: HalfEdges) -> tuple[np.ndarray, bool]:
+    """Faces (f,) of open sheets beside a body, and whether instead many sheets patch up the surface.
 
-    A sheet could be flat: its perimeter L and area A satisfy the plane's L^2 >= 4 pi A. And it is not part
-    of a closed assembly: without it, less of the surface is open. Where sheets are most of the surface, they
-    are what the user wants lit.
+    A sheet could be flat: the perimeters L of its loops and its area A satisfy the plane's
+    sum L^2 >= 4 pi A. Beside a body it bounds nothing, unless it closes with others: then more of the
+    surface is open without it.
     """
     patch = patches(len(corners), edges)
     owner, edge, net = own_boundary(patch, edges)
-    n = int(patch.max()) + 1
-    length = np.linalg.norm(at[edges.ends[edge, 1]] - at[edges.ends[edge, 0]], axis=1)
-    perimeter = np.bincount(owner, length * np.abs(net), minlength=n)
+    n, m = int(patch.max()) + 1, len(owner)
+    ends, at_end = np.unique(owner[:, None] * len(at) + edges.ends[edge], return_inverse=True)
+    twice = np.tile(np.arange(m), 2)
+    loop = join(twice, m + at_end.reshape(m, 2).T.ravel(), m + len(ends))[:m]
+    length = np.linalg.norm(at[edges.ends[edge, 1]] - at[edges.ends[edge, 0]], axis=1) * np.abs(net)
+    perimeter = np.bincount(loop, length)[loop]
+    squares = np.bincount(owner, length * perimeter, minlength=n)
     area = np.bincount(patch, areas(at, corners), minlength=n)
+    sheet = squares > 0.999 * 4 * np.pi * area
+    if 2 * area[sheet].sum() > area.sum():
+        return np.zeros(len(corners), bool), bool(2 * area[sheet].max() < area.sum())
     gain = np.bincount(owner, np.abs(edges.net[edge]) - np.abs(edges.net[edge] - net), minlength=n)
-    sheet = (perimeter**2 > 0.999 * 4 * np.pi * area) & (gain > 0)
-    if not sheet.any() or 2 * area[sheet].sum() > area.sum():
-        return np.zeros(len(corners), bool)
-    loose = sheet[patch]
-    repairs.append(f"left {_count(np.count_nonzero(loose), 'loose triangle')} out of the solid")
-    return loose
+    return (sheet & (gain > 0))[patch], False
 
 
 def _caps(at: np.ndarray, corners: np.ndarray, repairs: list[str]) -> tuple[np.ndarray, np.ndarray]:

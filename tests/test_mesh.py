@@ -283,6 +283,31 @@ def test_soup_is_left_open_and_still_has_an_inside():
     np.testing.assert_array_equal(contains(mesh, [[0, 0, 0.5], [0, 0, 1.5]]), [True, False])
 
 
+def test_patches_that_do_not_meet_are_left_open():
+    """The six sides of a cube, each meshed by itself with its own number of rows."""
+    sides = []
+    for axis in range(3):
+        for sign in (-1, 1):
+            n = 2 + len(sides)
+            rows = np.linspace(-1, 1, n)
+            u, v = np.repeat(rows, n), np.tile(rows, n)
+            vertices = np.roll(np.column_stack([np.full(n * n, float(sign)), u, v]), axis, axis=1)
+            k = np.arange(n * n).reshape(n, n)
+            a, b, c, d = (x.ravel() for x in (k[:-1, :-1], k[1:, :-1], k[1:, 1:], k[:-1, 1:]))
+            faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+            sides.append(as_trimesh(vertices, faces if sign > 0 else faces[:, ::-1]))
+    mesh = load_mesh(together(*sides))
+    assert not mesh.closed
+    np.testing.assert_array_equal(contains(mesh, [[0.9, 0.8, -0.7], [1.1, 0, 0]]), [True, False])
+
+
+def test_body_with_many_holes_beside_a_larger_one_stays():
+    holed = sphere(3)
+    holed.update_faces(np.random.default_rng(0).random(len(holed.faces)) > 0.04)
+    mesh = load_mesh(together(holed, sphere(3, centre=(5, 0, 0), radius=2)))
+    assert volume(mesh) == pytest.approx(9 * sphere(3).volume, rel=2e-2)
+
+
 # ---- files
 
 
