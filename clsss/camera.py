@@ -34,8 +34,8 @@ class Camera:
 
     target: np.ndarray
     distance: float
-    azimuth: float = 30.0
-    elevation: float = 15.0
+    azimuth: float = 0.0
+    elevation: float = 0.0
     up: str = "y"
 
     def axes(self) -> np.ndarray:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 DEMO = "demo"
 DEFAULT_MATERIAL = "marble"
-DEFAULT_LIGHTS = ("directional:-0.6,-0.5,-0.65:1", "directional:0.75,-0.35,0.7:2")
+DEFAULT_LIGHTS = ("directional:-0.25,-0.45,0.85:1", "directional:0.7,-0.6,-0.5:0.15")
 _TO_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "um": 1e-3}
 
 WINDOW_HELP = (
@@ -34,7 +34,7 @@ LIGHT_HELP = """lights (--light, repeatable; several add up):
                              without I, a lamp gives 1 W/mm^2 at the centre of the box
   env:FILE.hdr               light from all around, an equirectangular picture (.hdr .png .jpg), W/mm^2/sr
   env:L or env:R,G,B         the same light from everywhere
-without --light: a key light from the front and a stronger one from behind
+without --light: a light from behind and a weak one from the front
 
 material file (--material FILE.toml), coefficients in 1/mm, one number or [R, G, B]:
   name = "wax"   sigma_a = [0.001, 0.002, 0.01]   sigma_s_prime = 1.5   (or sigma_s and g)   eta = 1.4

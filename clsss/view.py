@@ -47,9 +47,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--camera",
         type=_camera,
-        default=(30.0, 15.0, 1.0),
+        default=(-25.0, 12.0, 1.0),
         metavar="AZIMUTH,ELEVATION[,ZOOM]",
-        help="degrees around the up axis from the front, degrees above it, zoom (30,15,1)",
+        help="degrees around the up axis from the front, degrees above it, zoom (-25,12,1)",
     )
     return parser
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -254,7 +255,7 @@ def test_unknown_material_is_one_line():
 
 
 def test_reader_that_leaves_early():
-    code = f"{sys.executable} -m clsss materials | head -c 1; exit ${{PIPESTATUS[0]}}"
+    code = f"{shlex.quote(sys.executable)} -m clsss materials | head -c 1; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode in (0, 130)  # 0 if all was written before the reader left
     assert done.stderr == ""
