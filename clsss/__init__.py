@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from clsss.errors import DeviceError, InputError
 
 if TYPE_CHECKING:
-    from clsss import reference
+    import clsss.reference as reference
     from clsss.device import devices
     from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
     from clsss.materials import Material, material, materials

@@ -222,13 +222,13 @@ def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
     n = len(owner_cells)
     distance = device.empty((n, 8))
     packed = np.concatenate([owner_cells, np.zeros((n, 1), np.int32)], axis=1)
-    line_start, crossing = _lines(device, grid, triangles) if mesh.closed else (None, None)
+    lines = _lines(device, grid, triangles) if mesh.closed else (None, None)
     kernel = device.kernel("distance", "distance_at_nodes")
     device.run(kernel, n, n, 2 * grid.dims[1] + 1, REACH, device.array(packed), device.array(owner_entry),
-               list_start, lists, line_start, crossing, surface, distance)  # fmt: skip
+               list_start, lists, *lines, surface, distance)  # fmt: skip
     owners = slot[corner_entry].astype(np.int32)
-    if mesh.closed:
-        inside = _fill_rows(device, grid, line_start, crossing)
+    if lines[0] is not None and lines[1] is not None:
+        inside = _fill_rows(device, grid, *lines)
     else:
         nodes = owner_cells[:, None, :] + 0.5 * _corners()
         winding = winding_number(device, triangles, nodes.reshape(-1, 3)).reshape(n, 8)

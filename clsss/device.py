@@ -74,7 +74,7 @@ def _try(handle: cl.Device) -> str:
         queue = cl.CommandQueue(context)
         x = np.arange(64, dtype=np.float32)
         buffer = cl.Buffer(context, cl.mem_flags.COPY_HOST_PTR, hostbuf=x)
-        program = cl.Program(context, _TRIAL).build(cache_dir=False)
+        program = cl.Program(context, _TRIAL).build()
         cl.Kernel(program, "trial")(queue, x.shape, None, buffer)
         out = np.empty_like(x)
         cl.enqueue_copy(queue, out, buffer)
@@ -147,9 +147,7 @@ class Buffer:
         import pyopencl as cl
 
         if self.nbytes:
-            cl.enqueue_fill_buffer(
-                self.device.queue, self.data, self.dtype.type(value), 0, self.nbytes
-            )
+            cl.enqueue_fill_buffer(self.device.queue, self.data, self.dtype.type(value), 0, self.nbytes)
 
     def copy_from(self, other: Buffer) -> None:
         """Copy the contents of another buffer of the same size, on the device."""
@@ -277,20 +275,20 @@ class Device:
         if isinstance(value, (int, np.integer)):
             return np.int32(value)
         if isinstance(value, tuple):
-            import pyopencl.cltypes
+            from pyopencl import cltypes
 
-            return pyopencl.cltypes.make_int4(*value, *[0] * (4 - len(value)))
+            return cltypes.make_int4(*value, *[0] * (4 - len(value)))
         if isinstance(value, (float, np.floating)):
             return self.real.type(value)
         return value
 
     def vector(self, values: Any) -> np.ndarray:
         """Up to four numbers as one ``REAL4`` kernel argument."""
-        import pyopencl.cltypes
+        from pyopencl import cltypes
 
         out = np.zeros(4)
         out[: len(values)] = values
-        make = pyopencl.cltypes.make_float4 if self.precision == "single" else pyopencl.cltypes.make_double4
+        make = cltypes.make_float4 if self.precision == "single" else cltypes.make_double4
         return make(*out)
 
     def finish(self) -> None:

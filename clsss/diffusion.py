@@ -107,16 +107,19 @@ def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float)
     if medium.homogeneous:
         sigma_a, sigma_s = medium.coefficients(np.zeros((1, 3)))
         reduced = (1 - medium.g) * sigma_s[0]
-        values = [1 / (3 * (sigma_a[0] + reduced)), sigma_a[0], reduced]
-        lists = [[device.vector(channels(v))] * n_levels for v in values]
-        return Coefficients(True, *lists, fresnel_A, medium.eta)
-    lists = [[], [], []]
+        values = 1 / (3 * (sigma_a[0] + reduced)), sigma_a[0], reduced
+        one = [[device.vector(channels(v))] * n_levels for v in values]
+        return Coefficients(True, one[0], one[1], one[2], fresnel_A, medium.eta)
+    D: list[Buffer] = []
+    absorption: list[Buffer] = []
+    scattering: list[Buffer] = []
     for points in cell_points(octree):
         sigma_a, sigma_s = medium.coefficients(points)
         reduced = (1 - medium.g) * sigma_s
-        for out, v in zip(lists, (1 / (3 * (sigma_a + reduced)), sigma_a, reduced), strict=True):
-            out.append(device.array(channels(v)))
-    return Coefficients(False, *lists, fresnel_A, medium.eta)
+        D.append(device.array(channels(1 / (3 * (sigma_a + reduced)))))
+        absorption.append(device.array(channels(sigma_a)))
+        scattering.append(device.array(channels(reduced)))
+    return Coefficients(False, D, absorption, scattering, fresnel_A, medium.eta)
 
 
 def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Operator:

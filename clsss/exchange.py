@@ -69,7 +69,7 @@ def leaving_shape(mu: np.ndarray, eta: float) -> np.ndarray:
     A = fresnel_A(eta)
 
     def shape(mu: np.ndarray) -> np.ndarray:
-        inner = np.sqrt(1 - (1 - mu * mu) / eta**2) if eta >= 1 else np.sqrt(np.maximum(0, 1 - (1 - mu * mu) / eta**2))
+        inner = np.sqrt(np.maximum(0, 1 - (1 - mu * mu) / eta**2))
         return fresnel_transmittance(mu, eta) * (2 * A + 3 * inner)
 
     x, weight = np.polynomial.legendre.leggauss(64)
@@ -197,5 +197,5 @@ def trace_exchange(mesh: Mesh, octree: Octree, eta: float,
             progress(min(1.0, (first + CHUNK) / len(sources)))
     where = (np.concatenate(rows), np.concatenate(columns))
     gain = 4 / (1 - fresnel_moments(eta)[0])
-    matrices = [sparse.coo_matrix((np.concatenate(v), where), shape=(n, n)).tocsr() for v in (arriving, entering)]
-    return Exchange(patch, share, *matrices, gain, tracer.rays, time.perf_counter() - start)
+    H, H_t = (sparse.coo_matrix((np.concatenate(v), where), shape=(n, n)).tocsr() for v in (arriving, entering))
+    return Exchange(patch, share, H, H_t, gain, tracer.rays, time.perf_counter() - start)

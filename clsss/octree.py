@@ -229,7 +229,7 @@ def _coarse_neighbours(ijk: np.ndarray, own: np.ndarray, coarser: np.ndarray | N
         nbr[:, face] = own[z, y, x]
         if coarser is not None:
             lost = np.flatnonzero(nbr[:, face] < 0)
-            x, y, z = ((ijk[lost] + step) >> 1).T + 1
+            x, y, z = ((ijk[lost] + step) // 2).T + 1
             nbr[lost, face] = np.where(coarser[z, y, x] >= 0, -2 - coarser[z, y, x], -1)
     return nbr
 
@@ -289,7 +289,10 @@ def build(device: Device, grid: Grid, samples: Samples, adaptive: bool = True, r
     leaf.append(np.ones(len(cells[-1]), bool))
     block, brick = _leaf_map(grid, list(cells), leaf)
     block_buffer, brick_buffer = device.array(block), device.array(brick)
-    levels, sources, coarser_map, coarser_leaves = [], [], None, None
+    levels: list[Level] = []
+    sources: list[np.ndarray] = []
+    coarser_map: np.ndarray | None = None
+    coarser_leaves: np.ndarray | None = None
     for depth, ijk in zip(range(len(cells) - 1, -1, -1), cells, strict=True):
         n, number = len(ijk), len(levels)
         parent = None

@@ -115,7 +115,9 @@ class _Scene:
             low, high = nbr[i][:, ::2], nbr[i][:, 1::2]
             has_low, has_high = (low < level.n) & (low != i[:, None]), (high < level.n) & (high != i[:, None])
             own = values[i][:, None, :]
-            rise = np.where(has_high[..., None], values[high] - own, 0) + np.where(has_low[..., None], own - values[low], 0)
+            rise = np.where(has_high[..., None], values[high] - own, 0) + np.where(
+                has_low[..., None], own - values[low], 0
+            )
             slope = rise / np.maximum(1, has_low.astype(int) + has_high)[..., None]
             if level.depth == 0:
                 cut = cut_index[i]
@@ -208,7 +210,7 @@ class _Boundary:
 
     def update(self, phi: list[Buffer]) -> None:
         """Let what leaves each patch arrive at the others, and set the right-hand side."""
-        scene, coupling = self.scene, self.scene.exchange
+        coupling = self.scene.exchange
         if coupling is not None:
             leaving = coupling.share @ self.flux(phi) + self.H
             self.H, self.entering = coupling.arriving @ leaving, coupling.entering @ leaving
@@ -258,8 +260,9 @@ def _light(scene: _Scene, lights: tuple[Any, ...], seconds: dict[str, float], st
         at_vertices = [surface.fluence_at(device, tree, f, mesh.vertices, mesh.normals) * unit for f in fields]
     seconds["total"] = seconds["load"] + time.perf_counter() - start
     solution = _Light(phi, flux, fields[0], boundary.H, unit)
+    radiosity, vertex_fluence = at_vertices
     report = _report(scene, src, convergence, solution, seconds)
-    return Result(mesh, scene.given_medium, lights, *at_vertices, report, scene, solution)
+    return Result(mesh, scene.given_medium, lights, radiosity, vertex_fluence, report, scene, solution)
 
 
 def _report(scene: _Scene, src: source.Source, convergence: Convergence, solution: _Light,
