@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 STOPPED = 130
 # Shares of a typical bake's time, so that one bar runs evenly over all stages.
-_STAGES = {"octree": 0.15, "cut cells": 0.2, "source": 0.3, "solve": 0.3, "surface": 0.05}
+_STAGES = {"octree": 0.1, "cut cells": 0.05, "exchange": 0.3, "source": 0.3, "solve": 0.22, "surface": 0.03}
 
 
 def overall(stage: str, fraction: float) -> float:
@@ -57,8 +57,7 @@ def run(command: Callable[[], None]) -> int:
         if os.environ.get("CLSSS_TRACEBACK"):
             raise
         return _fail(
-            f"this is a bug in clsss, please report it: {type(error).__name__}: {error} "
-            "(CLSSS_TRACEBACK=1 shows where)"
+            f"this is a bug in clsss, please report it: {type(error).__name__}: {error} (CLSSS_TRACEBACK=1 shows where)"
         )
 
 

@@ -81,9 +81,7 @@ def test_point_light_in_mm_and_in_half_sides_of_the_box():
 
 
 def test_default_lights_follow_the_up_axis():
-    for y, z in zip(
-        request.lights_from(parsed(), box()), request.lights_from(parsed("--up", "z"), box()), strict=True
-    ):
+    for y, z in zip(request.lights_from(parsed(), box()), request.lights_from(parsed("--up", "z"), box()), strict=True):
         np.testing.assert_allclose(z.direction, y.direction[[0, 2, 1]] * (1, -1, 1))
         assert y.direction[1] < 0  # from above
 
@@ -143,9 +141,7 @@ def test_mix():
 
 def test_material_file(tmp_path):
     path = tmp_path / "grünes wachs.toml"
-    path.write_text(
-        'name = "wax"\nsigma_a = [0.1, 0.2, 0.3]\nsigma_s_prime = 2\neta = 1.4\n', encoding="utf-8"
-    )
+    path.write_text('name = "wax"\nsigma_a = [0.1, 0.2, 0.3]\nsigma_s_prime = 2\neta = 1.4\n', encoding="utf-8")
     wax = request.medium_from(parsed("--material", str(path)), box())
     np.testing.assert_allclose(wax.sigma_a, (0.1, 0.2, 0.3))
     np.testing.assert_allclose(wax.sigma_s_prime, 2)
@@ -200,11 +196,7 @@ def test_a_bug_is_one_line_too(capsys):
 
 
 def test_progress_covers_the_whole_bake():
-    shares = [
-        running.overall(stage, f)
-        for stage in ("octree", "cut cells", "source", "solve", "surface")
-        for f in (0, 1)
-    ]
+    shares = [running.overall(stage, f) for stage in running._STAGES for f in (0, 1)]
     assert shares == sorted(shares)
     assert (shares[0], shares[-1]) == (0, pytest.approx(1))
 
@@ -285,9 +277,7 @@ def test_interrupt_ends_a_bake_at_once(tmp_path):
 def test_bake_writes_mesh_and_report(tmp_path):
     pytest.importorskip("clsss.simulate")
     pytest.importorskip("clsss.demo")
-    done = clsss(
-        "bake", "demo", "-o", tmp_path / "a.ply", "--report", tmp_path / "r.json", "--resolution", "16"
-    )
+    done = clsss("bake", "demo", "-o", tmp_path / "a.ply", "--report", tmp_path / "r.json", "--resolution", "16")
     assert done.returncode == 0, done.stderr
     assert "size: 20 mm (the demonstration mesh)" in done.stderr
     assert json.loads((tmp_path / "r.json").read_text())["solve"]["converged"]
