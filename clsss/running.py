@@ -24,7 +24,15 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 STOPPED = 130
 # Shares of a typical bake's time, so that one bar runs evenly over all stages.
-_STAGES = {"octree": 0.1, "cut cells": 0.05, "exchange": 0.3, "source": 0.3, "solve": 0.22, "surface": 0.03}
+_STAGES = {
+    "device": 0.02,
+    "cut cells": 0.03,
+    "octree": 0.1,
+    "exchange": 0.3,
+    "source": 0.32,
+    "solve": 0.2,
+    "surface": 0.03,
+}
 
 
 def overall(stage: str, fraction: float) -> float:
