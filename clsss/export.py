@@ -45,8 +45,7 @@ def check_output(path: str | os.PathLike[str]) -> Path:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(
-            f"{path}: cannot save as {path.suffix or 'a file without suffix'!r}; use one of "
-            + " ".join(SUFFIXES)
+            f"{path}: cannot save as {path.suffix or 'a file without suffix'!r}; use one of " + " ".join(SUFFIXES)
         )
     return check_writable(path)
 
@@ -97,8 +96,8 @@ def srgb_encode(linear: np.ndarray) -> np.ndarray:
 def display_scale(mesh: Mesh, radiosity: np.ndarray) -> float:
     """Automatic exposure: the factor from radiosity to displayed linear colour.
 
-    Of the surface's area, 1 % may be brighter than the display's white in its strongest channel. Where most
-    of the object is far darker than that (lit from behind), up to two stops more are spent on its median.
+    Of the surface's area, 1 % may be brighter than the display's white in its strongest channel. Where half of
+    the surface is darker than 0.4 of that (lit from behind), up to two stops more bring its median nearer.
 
     Parameters
     ----------
@@ -123,7 +122,7 @@ def display_scale(mesh: Mesh, radiosity: np.ndarray) -> float:
     median, white = brightest[order][np.searchsorted(share, [0.5 * share[-1], 0.99 * share[-1]])]
     if not white > 0:
         return 1.0
-    stops = np.clip(0.5 * np.log2(0.2 * white / max(median, 1e-6 * white)), 0, 2)
+    stops = np.clip(0.5 * np.log2(0.4 * white / max(median, 1e-6 * white)), 0, 2)
     return float(2**stops / white)
 
 
@@ -185,9 +184,7 @@ def _glb(result: Result, scale: float) -> bytes:
                 "doubleSided": True,
                 "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
                 "extensions": {"KHR_materials_unlit": {}},
-                "extras": {
-                    "clsss": _coefficients(result.medium) | {"display_scale": scale, "length_unit": "mm"}
-                },
+                "extras": {"clsss": _coefficients(result.medium) | {"display_scale": scale, "length_unit": "mm"}},
             }
         ]
 

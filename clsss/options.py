@@ -7,6 +7,7 @@ and the lights from what was parsed.
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from dataclasses import dataclass
@@ -59,10 +60,18 @@ def numbers(text: str, *counts: int) -> tuple[float, ...]:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
         values = ()
-    if len(values) not in counts:
+    if len(values) not in counts or not all(map(math.isfinite, values)):
         wanted = " or ".join({1: "one number", 2: "two numbers", 3: "three numbers"}[n] for n in counts)
-        raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}, separated by commas")
+        raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}" + ", separated by commas" * (max(counts) > 1))
     return values
+
+
+def stops(text: str) -> float:
+    """An exposure in stops, within what a picture can use."""
+    (value,) = numbers(text, 1)
+    if abs(value) > 60:
+        raise argparse.ArgumentTypeError(f"{text!r} is out of range; give stops within -60 and 60")
+    return value
 
 
 def channels(text: str) -> tuple[float, ...]:
@@ -126,9 +135,7 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
     """The options that view, bake and compare share."""
     add_mesh(parser)
     group = parser.add_argument_group("material")
-    group.add_argument(
-        "--material", metavar="NAME|FILE.toml", help=f"see `clsss materials` ({DEFAULT_MATERIAL})"
-    )
+    group.add_argument("--material", metavar="NAME|FILE.toml", help=f"see `clsss materials` ({DEFAULT_MATERIAL})")
     group.add_argument("--sigma-a", type=channels, metavar="R[,G,B]", help="absorption [1/mm]")
     group.add_argument("--sigma-s", type=channels, metavar="R[,G,B]", help="scattering [1/mm]")
     group.add_argument("--g", type=float, metavar="G", help="mean cosine of scattering (0)")
@@ -143,7 +150,7 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--light", type=light, action="append", metavar="LIGHT", help="see below; repeatable")
     group.add_argument(
         "--exposure",
-        type=float,
+        type=stops,
         default=0.0,
         metavar="EV",
         help="stops brighter than the automatic exposure (0)",
@@ -154,13 +161,9 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
         "--resolution", type=int, default=128, metavar="N", help="finest cells along the longest side (128)"
     )
     group.add_argument("--tolerance", type=float, default=1e-4, metavar="T", help="relative residual (1e-4)")
-    group.add_argument(
-        "--no-adaptive", dest="adaptive", action="store_false", help="the finest cells everywhere"
-    )
+    group.add_argument("--no-adaptive", dest="adaptive", action="store_false", help="the finest cells everywhere")
     group.add_argument("--precision", choices=("single", "double"), default="single")
-    group.add_argument(
-        "--device", metavar="NAME", help="part of an OpenCL device's name (the best that works)"
-    )
+    group.add_argument("--device", metavar="NAME", help="part of an OpenCL device's name (the best that works)")
     parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
 
 
