@@ -119,7 +119,7 @@ def trace(
         device.empty((channels, len(TALLIES), 2), np.uint32),
     )
     batches = min(BATCHES, n_photons)
-    bounds = n_photons * np.arange(batches + 1) // batches
+    bounds = [n_photons * k // batches for k in range(batches + 1)]
     sums, squares, spent = (
         np.zeros((3, channels, n)),
         np.zeros((3, channels, n)),

@@ -40,8 +40,9 @@ class Octree:
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Sum of the samples' values (s, ...) under each node, (n, ...)."""
-        before = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
-        return before[self.end] - before[self.start]
+        ends = np.stack([self.start, self.end], axis=1).ravel()
+        padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
+        return np.add.reduceat(padded, ends, axis=0)[::2]
 
 
 def octree(places: np.ndarray) -> Octree:

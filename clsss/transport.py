@@ -137,8 +137,7 @@ def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: 
     placed[places] = triangles
     scale = sources.strength.max(axis=0)
     strength = sources.strength / np.maximum(scale, np.finfo(float).tiny)
-    keys = np.concatenate([values.reshape(3, -1), strength.T], axis=1)
-    _, chosen, channel = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    chosen, channel = _alike(np.concatenate([values.reshape(3, -1), strength.T], axis=1))
     values = values[chosen]
     size_z, size_y, size_x = values.shape[1:4]
     return Scene(
@@ -146,7 +145,7 @@ def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: 
         low=low,
         high=high,
         radius=float(np.linalg.norm(triangles - (low + high) / 2, axis=2).max()) * (1 + 1e-5),
-        channel=channel.ravel(),
+        channel=channel,
         scale=scale,
         strength=strength[:, chosen],
         places=places.astype(np.int32),
@@ -165,6 +164,12 @@ def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: 
     )
 
 
+def _alike(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First row of each kind, and each row's kind."""
+    first = [next(k for k in range(len(rows)) if np.array_equal(rows[k], row)) for row in rows]
+    return np.unique(first, return_inverse=True)
+
+
 def _sampled(medium: Medium, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """sigma_a, sigma_s (3, nz, ny, nx, 2) at the nodes of a grid over the box, and its spacing [mm]."""
     extent = np.maximum(high - low, 1e-6 * np.max(high - low))
@@ -179,9 +184,7 @@ def _sampled(medium: Medium, low: np.ndarray, high: np.ndarray) -> tuple[np.ndar
     return values.reshape(3, *shape[::-1], 2), spacing
 
 
-def launches(
-    total: int, progress: Callable[[str, float], None] | None, block: int = 1
-) -> Iterator[tuple[int, int]]:
+def launches(total: int, progress: Callable[[str, float], None] | None, block: int = 1) -> Iterator[tuple[int, int]]:
     """Start and size of launches of about `LAUNCH_SECONDS`, in whole blocks: Ctrl-C works in between."""
     start, count = 0, -(-1024 // block) * block
     while start < total:

@@ -11,6 +11,8 @@
 #include "surface.h"
 #include "medium.h"
 
+#define BLOCK 8 /* mean free paths at the majorant between two looks for the surface */
+
 /* Share of light that reaches `o` along `d` over `reach`, estimated without bias.
  * Beyond the first two mean free paths it is a matter of chance whether a ray goes on: deep inside, most
  * collisions cannot be reached, and finding that out should cost little. */
@@ -22,33 +24,28 @@ REAL transmittance(const Surface s, const Medium m, Random *restrict random, con
     REAL share = 1, depth = 0;
     const REAL limit = 2 - log(1 - uniform4(random).x);
     for (int step = 0; step < 10000; step++) {
-        REAL end = reach;
-        if (count > 0) {
 #ifdef HETEROGENEOUS
-            end = last.t + flight(m, uniform4(random).x);
+        const REAL end = count > 0 ? last.t + BLOCK / m.majorant : INFINITY;
 #else
-            end = last.t + (limit - depth) / m.majorant;
+        const REAL end = count > 0 ? last.t + (limit - depth) / m.majorant : INFINITY;
 #endif
-        }
-        const Hit hit = next_hit(s, ray, last, fmin(end, reach));
-#ifndef HETEROGENEOUS
-        if (count > 0) depth += m.majorant * (hit.t - last.t);
-        if (hit.id < 0) return end < reach ? 0 : exp(-fmin(depth, (REAL)2));
-        last = hit;
-#else
-        if (hit.id < 0 && end >= reach) return share;
-        if (hit.id < 0) {
-            const REAL2 sigma = coefficients(m, o + end * d);
+        Hit hit = next_hit(s, ray, last, fmin(end, reach));
+#ifdef HETEROGENEOUS
+        for (REAL t = last.t + flight(m, uniform4(random).x); count > 0 && t < hit.t; t += flight(m, uniform4(random).x)) {
+            const REAL2 sigma = coefficients(m, o + t * d);
             share *= fmax((REAL)0, 1 - (sigma.x + sigma.y) / m.majorant);
             if (share < (REAL)0.1) {
                 if (uniform4(random).x * (REAL)0.1 >= share) return 0;
                 share = (REAL)0.1;
             }
-            last = (Hit){end, -1, 0};
-            continue;
         }
-        last = hit;
+        if (hit.id < 0 && end >= reach) return share;
+#else
+        if (count > 0) depth += m.majorant * (hit.t - last.t);
+        if (hit.id < 0) return end < reach ? 0 : exp(-fmin(depth, (REAL)2));
 #endif
+        last = hit;
+        if (hit.id < 0) continue;
         if (!reenter && count == 0) return 0;
         count = crossed(count, hit);
     }
