@@ -23,6 +23,8 @@ KERNEL_DIR = Path(__file__).parent / "kernels"
 if not KERNEL_DIR.is_dir():
     KERNEL_DIR = Path(__file__).parent.parent / "kernels"
 
+ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
+
 NO_DEVICE = (
     "no OpenCL device works; on Debian or Ubuntu install PoCL, which runs OpenCL on the CPU: "
     "sudo apt install pocl-opencl-icd (`clsss doctor` shows what was found)"
@@ -119,10 +121,11 @@ def devices() -> list[tuple[str, str, bool, str]]:
 class Buffer:
     """A typed array on the device: shape and dtype of its host image, and the memory that holds it."""
 
-    def __init__(self, device: Device, shape: tuple[int, ...], dtype: np.dtype):
+    def __init__(self, device: Device, shape: tuple[int, ...], dtype: np.dtype, data: cl.Buffer | None = None):
         self.device, self.shape, self.dtype = device, tuple(int(s) for s in shape), np.dtype(dtype)
         self.nbytes = int(np.prod(self.shape, dtype=np.int64)) * self.dtype.itemsize
-        self.data = device._allocate(self.nbytes)
+        self._owned = 0 if data is not None else self.nbytes
+        self.data = device._allocate(self.nbytes) if data is None else data
 
     def get(self) -> np.ndarray:
         """A copy on the host (waits for the queue)."""
@@ -156,8 +159,15 @@ class Buffer:
         if self.nbytes:
             cl.enqueue_copy(self.device.queue, self.data, other.data, byte_count=self.nbytes)
 
+    def rows(self, first: int, n: int) -> Buffer:
+        """The `n` rows from `first` on, a view of the same memory; `first` in multiples of `ROW_ALIGNMENT`."""
+        row = self.nbytes // self.shape[0]
+        return Buffer(
+            self.device, (n, *self.shape[1:]), self.dtype, self.data.get_sub_region(first * row, max(n, 1) * row)
+        )
+
     def __del__(self) -> None:
-        self.device.allocated -= self.nbytes
+        self.device.allocated -= getattr(self, "_owned", 0)
 
 
 class Device:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from clsss.device import Buffer, Device
+from clsss.device import ROW_ALIGNMENT, Buffer, Device
 from clsss.octree import Octree
 
 CHANNELS = 4
@@ -82,6 +82,16 @@ class Operator:
     irregular: Buffer
     inverse: Buffer
     slope: Buffer
+
+
+class Field(list[Buffer]):
+    """One value of four channels per cell and ghost: a buffer (n + n_ghost, 4) per level, all in one (`whole`)."""
+
+    def __init__(self, device: Device, octree: Octree):
+        sizes = [level.n + level.n_ghost for level in octree.levels]
+        starts = np.concatenate([[0], np.cumsum([-(-n // ROW_ALIGNMENT) * ROW_ALIGNMENT for n in sizes])])
+        self.whole = device.zeros((int(starts[-1]), CHANNELS))
+        super().__init__(self.whole.rows(int(first), n) for first, n in zip(starts, sizes, strict=False))
 
 
 def channels(values: np.ndarray) -> np.ndarray:
@@ -183,7 +193,7 @@ class Residual:
         self._correct = device.kernel("gradient", "correct_residual", *d)
         self._boundary = device.kernel("gradient", "boundary_value", *d)
 
-    def complete(self, phi: list[Buffer]) -> None:
+    def complete(self, phi: Field) -> None:
         """Fill what depends on the leaves: covered cells, ghosts, and `op.slope`."""
         run, op, levels = self.device.run, self.op, self.op.octree.levels
         for coarse, x, x_fine in zip(levels[-2::-1], phi[-2::-1], phi[:0:-1], strict=True):
@@ -198,14 +208,14 @@ class Residual:
             octree.block, octree.brick, finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary,
             cut.normal, op.inverse, phi[-1], op.slope)  # fmt: skip
 
-    def __call__(self, phi: list[Buffer], b: list[Buffer], r: list[Buffer]) -> None:
+    def __call__(self, phi: Field, b: Field, r: Field) -> None:
         """Overwrite `r` with b - A_h phi on the leaves, zero on covered cells.
 
         Parameters
         ----------
-        phi : list of (n + n_ghost, 4) real, device
+        phi : Field
             Fluence [W/mm^2]; its covered cells and ghosts are filled.
-        b, r : list of (n, 4) real, device
+        b, r : Field
             Right-hand side and residual, integrated over cells, in the scale of the operator.
         """
         self.complete(phi)
@@ -222,7 +232,7 @@ class Residual:
             octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid, T[-1],
             op.slope, phi[-1], r[-1])  # fmt: skip
 
-    def boundary_value(self, phi: list[Buffer], moment: Buffer) -> Buffer:
+    def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
         """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].
 
         `moment` (n_cut, 4) is the source's first moment between the centroid and the surface.

@@ -121,6 +121,7 @@ class _Tracer:
         mu = np.sqrt(1 - u[:, :1])
         direction = radius * (np.cos(angle) * s + np.sin(angle) * np.cross(n, s)) + mu * n
         origin = self.points[cell] + 0.1 * self.h * n
+        direction[np.linalg.norm(n, axis=1) < 0.5] = [0, 0, 1]
         t, triangle = self.caster.hit(origin, direction)
         # a centroid under the mesh's skin meets it from behind: go on from there
         behind = np.flatnonzero((triangle >= 0) & ((self.facing[triangle] * direction).sum(axis=1) > 0))

@@ -11,14 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Operator, Residual
+from clsss.diffusion import CHANNELS, Field, Operator, Residual, channels
 
 SWEEPS = 2
-PARTIAL_SUMS = 256
+PARTIAL_SUMS = 1024
+DEPTH = 2  # cycles that Anderson acceleration looks back on
+SLOW = 0.25  # a plain cycle that reduces the residual less is accelerated
+STALL = 4  # cycles without a tenth less residual end a solve: rounding allows no more
+MOVING = 10.0  # tolerance of a follower's state over that of the residual
 
 
 @dataclass(frozen=True)
@@ -64,19 +69,18 @@ class Multigrid:
 
     def __init__(self, device: Device, op: Operator):
         self.device, self.op = device, op
-        levels, d = op.octree.levels, op.medium.defines
+        d = op.medium.defines
         self.residual = Residual(device, op)
-        self.e = [device.zeros((level.n + level.n_ghost, CHANNELS)) for level in levels]
-        self.r = [device.empty((level.n, CHANNELS)) for level in levels]
-        self._partial = [device.empty((PARTIAL_SUMS, CHANNELS)) for _ in levels]
+        self.e, self.r = Field(device, op.octree), Field(device, op.octree)
+        self._partial = device.empty((PARTIAL_SUMS, CHANNELS))
         self._smooth = device.kernel("smooth", "smooth", *d)
         self._restrict = device.kernel("restrict", "restrict_residual", *d)
         self._reflux = device.kernel("residual", "reflux", *d)
         self._ghosts = device.kernel("prolong", "copy_ghosts")
         self._prolong = device.kernel("prolong", "prolong")
         self._coarsest = device.kernel("coarsest", "solve_coarsest")
-        self._squares = device.kernel("reduce", "sum_squares")
-        self._add = device.kernel("reduce", "add")
+        self._inner = device.kernel("reduce", "inner_product")
+        self._combine = device.kernel("reduce", "combine")
         self._inverse = self._invert_coarsest()
 
     def _invert_coarsest(self) -> Buffer:
@@ -124,53 +128,142 @@ class Multigrid:
             self.e[k])  # fmt: skip
         self.smooth(k)
 
-    def norm(self, fields: list[Buffer]) -> np.ndarray:
-        """2-norm over all cells of fields (n, 4), by colour channel (3,)."""
-        for level, field, partial in zip(self.op.octree.levels, fields, self._partial, strict=True):
-            self.device.run(self._squares, PARTIAL_SUMS, level.n, PARTIAL_SUMS, field, partial)
-        total = sum(partial.get().astype(float).sum(axis=0) for partial in self._partial)
-        return np.sqrt(total)[:3]
+    def inner_product(self, x: Field, y: Field) -> np.ndarray:
+        """Sum over all cells of x y, by colour channel (3,)."""
+        n = x.whole.shape[0]
+        self.device.run(self._inner, PARTIAL_SUMS, n, PARTIAL_SUMS, x.whole, y.whole, self._partial)
+        return self._partial.get()[:, :3].astype(float).sum(axis=0)
 
-    def correct(self, phi: list[Buffer]) -> None:
-        """Add one V-cycle's correction for the residual in `r` to `phi`."""
-        self.v_cycle(len(self.e) - 1)
-        for level, e, x in zip(self.op.octree.levels, self.e, phi, strict=True):
-            self.device.run(self._add, level.n, level.n, e, x)
+    def combine(self, a: np.ndarray | float, x: Field, b: np.ndarray | float, y: Field) -> None:
+        """Overwrite y with a x + b y; `a` and `b` one number or one per colour channel (3,)."""
+        n = x.whole.shape[0]
+        scale = [self.device.vector(channels(np.broadcast_to(v, 3).astype(float))) for v in (a, b)]
+        self.device.run(self._combine, n, n, *scale, x.whole, y.whole)
 
-    def solve(self, b: list[Buffer], phi: list[Buffer], tolerance: float, max_cycles: int = 40,
+    def solve(self, b: Field, phi: Field, tolerance: float, max_cycles: int = 40,
               progress: Callable[[float], None] | None = None,
-              update: Callable[[list[Buffer]], None] | None = None) -> Convergence:  # fmt: skip
+              follower: Follower | None = None) -> Convergence:  # fmt: skip
         """Solve A_h phi = b, starting from `phi`.
+
+        Where the plain cycle is slower than `SLOW`, and always with a follower, cycles are combined so that the
+        residual is least (`Anderson`).
 
         Parameters
         ----------
-        b : list of (n, 4) real, device
+        b : Field
             Right-hand sides [W in the operator's scale].
-        phi : list of (n + n_ghost, 4) real, device
+        phi : Field
             Fluence [W/mm^2]: start and result.
         tolerance : float
             Relative 2-norm of the residual to reach in every channel.
+        max_cycles : int
+            When to give up.
         progress : callable, optional
             Called with the fraction done after each cycle.
-        update : callable, optional
-            Called with `phi` before each residual; may overwrite `b` where the source follows the solution.
+        follower : Follower, optional
+            Part of the source that depends on the solution.
 
         Returns
         -------
         Convergence
             Not converging is told there, never raised.
         """
-        scale = self.norm(b)
-        safe = np.where(scale > 0, scale, 1)
+        scale = np.sqrt(self.inner_product(b, b))
+        lit = scale > 0
+        f = Field(self.device, self.op.octree)
+        anderson = Anderson(self, phi, f, follower) if follower else None
         residuals: list[np.ndarray] = []
         while True:
-            if update is not None:
-                update(phi)
-            self.residual(phi, b, self.r)
-            residuals.append(np.where(scale > 0, self.norm(self.r) / safe, 0))
-            worst = float(residuals[-1].max())
-            if worst <= tolerance or len(residuals) > max_cycles or not np.isfinite(worst):
-                return Convergence(residuals, worst <= tolerance, tolerance)
+            moving = follower.update(phi) if follower else 0.0
+            self.residual(phi, b, f)
+            if follower:
+                follower.adjust(f)
+            residuals.append(np.where(lit, np.sqrt(self.inner_product(f, f)) / np.where(lit, scale, 1), 0))
+            history = [float(r.max()) for r in residuals]
+            done = history[-1] <= tolerance and moving <= MOVING * tolerance
+            stalled = len(history) > STALL and history[-1] > 0.9 * history[-1 - STALL]
+            if done or stalled or len(history) > max_cycles or not np.isfinite(history[-1]):
+                return Convergence(residuals, done, tolerance)
             if progress is not None:
-                progress(min(1.0, np.log(max(worst, tolerance)) / np.log(tolerance)) if worst < 1 else 0.0)
-            self.correct(phi)
+                progress(float(np.clip(np.log(max(history[-1], tolerance)) / np.log(tolerance), 0, 1)))
+            if anderson is None and len(history) > 2 and history[-1] > SLOW * history[-2]:
+                anderson = Anderson(self, phi, f, None)
+            if anderson:
+                anderson.combine()
+            self.r.whole.copy_from(f.whole)
+            self.v_cycle(len(self.e) - 1)
+            self.combine(1, self.e, 1, phi)
+            if anderson:
+                anderson.add_step(self.e)
+
+
+class Follower(Protocol):
+    """A part of the right-hand side that follows the solution, with a state of its own."""
+
+    state: np.ndarray  # (p, 3), affine in the solution
+
+    def update(self, phi: Field) -> float:
+        """Advance `state` by one step; how far it moved, relative to its size."""
+
+    def adjust(self, residual: Field) -> None:
+        """Add its part of the right-hand side to a residual."""
+
+
+class Anderson:
+    """Combines cycles: the solution (and a follower's state) of the least residual among the last ones.
+
+    For a linear problem this is GMRES over the last `DEPTH` cycles, on true residuals, by channel.
+
+    References
+    ----------
+    Walker and Ni 2011, "Anderson acceleration for fixed-point iterations".
+    """
+
+    def __init__(self, multigrid: Multigrid, phi: Field, residual: Field, follower: Follower | None):
+        self.multigrid, self.phi, self.residual, self.follower = multigrid, phi, residual, follower
+        device, octree = multigrid.device, multigrid.op.octree
+        # what each of the last cycles changed: the solution, its residual, the follower's state
+        self._steps = [(Field(device, octree), Field(device, octree)) for _ in range(DEPTH)]
+        self._states = [np.zeros_like(follower.state) if follower else np.zeros((0, 3)) for _ in range(DEPTH)]
+        self._count = 0
+
+    def combine(self) -> None:
+        """Move solution, residual and state to the best combination of the last cycles."""
+        mg, follower, known = self.multigrid, self.follower, min(self._count, DEPTH)
+        if self._count:
+            last = (self._count - 1) % DEPTH
+            mg.combine(1, self.residual, 1, self._steps[last][1])
+            if follower:
+                self._states[last] += follower.state
+        gamma = np.zeros((DEPTH, 3))
+        gamma[:known] = self._least_residual(known)
+        slot = self._count % DEPTH
+        self._count += 1
+        for kind, current in enumerate((self.phi, self.residual)):
+            moved = self._steps[slot][kind]
+            mg.combine(0, moved, -gamma[slot], moved)
+            for i in range(known):
+                if i != slot:
+                    mg.combine(-gamma[i], self._steps[i][kind], 1, moved)
+            mg.combine(1, moved, 1, current)
+        mg.combine(-1, self.residual, 1, self._steps[slot][1])
+        if follower:
+            moved_state = -sum(g * state for g, state in zip(gamma, self._states, strict=True))
+            follower.state = follower.state + moved_state
+            self._states[slot] = moved_state - follower.state
+
+    def add_step(self, correction: Field) -> None:
+        """Note what the cycle added to the solution."""
+        self.multigrid.combine(1, correction, 1, self._steps[(self._count - 1) % DEPTH][0])
+
+    def _least_residual(self, known: int) -> np.ndarray:
+        """Coefficients (known, 3) that take the most from the residual."""
+        if not known:
+            return np.zeros((0, 3))
+        changes = [self._steps[i][1] for i in range(known)]
+        gram, right = np.zeros((3, known, known)), np.zeros((3, known))
+        for i, change in enumerate(changes):
+            right[:, i] = self.multigrid.inner_product(change, self.residual)
+            for j in range(i + 1):
+                gram[:, i, j] = gram[:, j, i] = self.multigrid.inner_product(change, changes[j])
+        return np.stack([np.linalg.lstsq(g, r, rcond=1e-6)[0] for g, r in zip(gram, right, strict=True)], axis=-1)

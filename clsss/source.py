@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Coefficients, cell_points, channels
+from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree
 
@@ -32,15 +32,15 @@ class Source:
 
     Attributes
     ----------
-    b : list of (n, 4) real, device
-        What each leaf receives, in the operator's scale, before `subtract_moment`.
+    b : Field
+        What each leaf receives, in the operator's scale.
     moment : (n_cut, 4) real, device
         First moment r_B of the source between centroid and surface [W/mm^2].
     deposited, incident : (3,) float
         Power deposited, and power that the beams bring through the surface [W].
     """
 
-    b: list[Buffer]
+    b: Field
     moment: Buffer
     deposited: np.ndarray
     incident: np.ndarray
@@ -69,10 +69,10 @@ class Beams:
     def __init__(self, device: Device, octree: Octree, medium: Coefficients):
         self.device, self.octree, self.medium = device, octree, medium
         n_cut = octree.cut.n
-        self.Q = [device.zeros((level.n, CHANNELS)) for level in octree.levels]
+        self.Q = Field(device, octree)
         self.moment = device.zeros((n_cut, CHANNELS))
         self.incident = np.zeros(3)
-        self._F = [device.empty((level.n + level.n_ghost, CHANNELS)) for level in octree.levels]
+        self._F = Field(device, octree)
         self._F_B = device.empty((n_cut, CHANNELS))
         self._extinction = _extinction(device, octree, medium)
         self._normal = octree.cut.normal.get()[:, :3].astype(float) * octree.grid.h**2
@@ -152,12 +152,12 @@ class Beams:
         self.incident += power[:3]
 
 
-def _add_emission(device: Device, octree: Octree, light: Emission, unit: float, Q: list[Buffer]) -> None:
+def _add_emission(device: Device, octree: Octree, light: Emission, unit: float, Q: Field) -> None:
     volume = octree.volumes()
     for level, points, V, q in zip(octree.levels, cell_points(octree), volume, Q, strict=True):
-        values = np.zeros((level.n, CHANNELS))
+        values = np.zeros((level.n + level.n_ghost, CHANNELS))
         leaf = level.leaf
-        values[leaf, :3] = light.density(points[leaf]) / unit * V[leaf, None]
+        values[: level.n][leaf, :3] = light.density(points[leaf]) / unit * V[leaf, None]
         q.set(q.get() + values)
 
 
@@ -212,11 +212,12 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
     scale = device.kernel("source", "right_hand_side", *medium.defines)
     for level, D, q in zip(octree.levels, medium.D, b, strict=True):
         device.run(scale, level.n, level.n, D, q, q)
+    subtract_moment(device, octree, medium, beams.moment, b[-1])
     return Source(b, beams.moment, deposited * unit, beams.incident * unit)
 
 
 def subtract_moment(device: Device, octree: Octree, medium: Coefficients, moment: Buffer, b: Buffer) -> None:
-    """Take the boundary's first moment (n_cut, 4) [W/mm^2] from the finest level's right-hand side `b`."""
+    """Take the boundary's first moment (n_cut, 4) [W/mm^2] from the finest level's `b` (or residual)."""
     cut = octree.cut
     kernel = device.kernel("source", "subtract_moment", *medium.defines)
     device.run(kernel, cut.n, cut.n, octree.grid.h, medium.fresnel_A, medium.D[-1], cut.cell, cut.centroid,

@@ -1,0 +1,197 @@
+"""One set of lights on one object: source, solve, and what leaves the surface.
+
+`Scene` holds all that stays when the lights move; `light` does the rest, from the last solution where there is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from clsss.device import Buffer, Device
+from clsss.diffusion import Coefficients, Field, Residual, cell_points, channels
+from clsss.exchange import Exchange
+from clsss.mesh import Mesh
+from clsss.multigrid import Convergence, Multigrid
+from clsss.octree import Octree
+from clsss.source import Source, light_unit, make_source, subtract_moment
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What does not change with the lights."""
+
+    device: Device
+    mesh: Mesh
+    octree: Octree
+    medium: Coefficients
+    multigrid: Multigrid
+    exchange: Exchange | None
+    tolerance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A solution in multiples of `unit`.
+
+    Attributes
+    ----------
+    unit : float
+        Strength of the lights [W/mm^2].
+    phi : Field
+        Fluence in the cells.
+    flux : (n_cut, 3) float64
+        J.n at the boundary of the cut cells: what leaves them for good.
+    exitance, fluence : (n_cut, 4) real, device
+        All scattered light that comes out there (J.n + H_t), and the fluence just inside.
+    leaving : (p, 3) float64
+        B of each patch of the exchange.
+    source : Source
+    convergence : Convergence
+    """
+
+    unit: float
+    phi: Field
+    flux: np.ndarray
+    exitance: Buffer
+    fluence: Buffer
+    leaving: np.ndarray
+    source: Source
+    convergence: Convergence
+
+
+def boundary_flux(residual: Residual, phi: Field, moment: Buffer) -> np.ndarray:
+    """J.n (n_cut, 3) at the boundary of the cut cells."""
+    values = residual.boundary_value(phi, moment).get()
+    return values[:, :3].astype(float) / (2 * residual.op.medium.fresnel_A)
+
+
+class Interreflection:
+    """What parts of the surface send to one another, as a part of the right-hand side (a `Follower`).
+
+    Its state is B (p, 3), all light that leaves each patch: B <- J.n + F B.
+    """
+
+    def __init__(self, scene: Scene, source: Source):
+        assert scene.exchange is not None
+        self.scene, self.exchange = scene, scene.exchange
+        self.state = np.zeros((scene.exchange.share.shape[0], 3))
+        self.r_B = source.moment.get()
+        self.moment = scene.device.array(self.r_B)
+
+    @property
+    def entering(self) -> np.ndarray:
+        """H_t (n_cut, 3), what the boundary of each cut cell lets in."""
+        return (self.exchange.entering @ self.state)[self.exchange.patch]
+
+    def update(self, phi: Field) -> float:
+        """One step of the exchange; how far B moved, relative to its size."""
+        self._set_moment()
+        flux = boundary_flux(self.scene.multigrid.residual, phi, self.moment)
+        last, self.state = self.state, self.exchange.share @ flux + self.exchange.arriving @ self.state
+        size = np.linalg.norm(self.state, axis=0)
+        return float((np.linalg.norm(self.state - last, axis=0) / np.where(size > 0, size, 1)).max())
+
+    def adjust(self, residual: Field) -> None:
+        """Add C_B gain H_t to the residual of the cut cells."""
+        scene = self.scene
+        part = np.zeros_like(self.r_B)
+        part[:, :3] = -self.exchange.gain * self.entering
+        subtract_moment(scene.device, scene.octree, scene.medium, scene.device.array(part), residual[-1])
+
+    def _set_moment(self) -> None:
+        moment = self.r_B.copy()
+        moment[:, :3] -= self.exchange.gain * self.entering
+        self.moment.set(moment)
+
+    def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
+        """J.n and H_t (n_cut, 3) at the boundary of the cut cells."""
+        self._set_moment()
+        return boundary_flux(self.scene.multigrid.residual, phi, self.moment), self.entering
+
+
+def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
+          tell: Progress) -> Solution:  # fmt: skip
+    """Light an object.
+
+    Parameters
+    ----------
+    scene : Scene
+    lights : tuple
+        DirectionalLight, PointLight, EnvironmentLight or Emission.
+    last : Solution, optional
+        Where the solve starts from.
+    seconds : dict
+        Gets the seconds of the stages "source" and "solve".
+    tell : callable
+        Told ``(stage, fraction)``.
+
+    Returns
+    -------
+    Solution
+    """
+    device, octree, medium = scene.device, scene.octree, scene.medium
+    unit = light_unit(list(lights), scene.mesh.size)
+    with timed("source", seconds, tell):
+        source = make_source(device, octree, medium, list(lights), unit, lambda f: tell("source", f))
+    with timed("solve", seconds, tell):
+        phi = Field(device, octree)
+        follower = Interreflection(scene, source) if scene.exchange else None
+        if last is not None:
+            scene.multigrid.combine(last.unit / unit, last.phi, 0, phi)
+            if follower:
+                follower.state = last.leaving * (last.unit / unit)
+        convergence = scene.multigrid.solve(
+            source.b, phi, scene.tolerance, progress=lambda f: tell("solve", f), follower=follower
+        )
+        flux, entering = follower.surface(phi) if follower else (
+            boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
+    gain = scene.exchange.gain if scene.exchange else 0.0
+    exitance = device.array(channels(flux + entering))
+    fluence = device.array(channels(2 * medium.fresnel_A * flux + gain * entering))
+    leaving = follower.state if follower else np.zeros((0, 3))
+    return Solution(unit, phi, flux, exitance, fluence, leaving, source, convergence)
+
+
+def interpolate(scene: Scene, solution: Solution, points: np.ndarray) -> np.ndarray:
+    """Fluence (n, 3) at points (n, 3) [mm], linear about the centroids of the leaves that hold them; else NaN."""
+    octree, phi = scene.octree, solution.phi
+    scene.multigrid.residual.complete(phi)
+    out = np.full((len(points), 3), np.nan)
+    depth, index = octree.find(points)
+    slopes = scene.multigrid.op.slope.get()[:, :, :3].astype(float)
+    cut_index, centroids = octree.cut_index.get(), cell_points(octree)
+    for k, level in enumerate(octree.levels):
+        here = np.flatnonzero(depth == level.depth)
+        if not len(here):
+            continue
+        i, values, nbr = index[here], phi[k].get()[:, :3].astype(float), level.nbr.get()
+        low, high = nbr[i][:, ::2], nbr[i][:, 1::2]
+        has_low, has_high = (low < level.n) & (low != i[:, None]), (high < level.n) & (high != i[:, None])
+        own = values[i][:, None, :]
+        rise = np.where(has_high[..., None], values[high] - own, 0)
+        rise += np.where(has_low[..., None], own - values[low], 0)
+        slope = rise / np.maximum(1, has_low.astype(int) + has_high)[..., None]
+        if level.depth == 0:
+            cut = cut_index[i]
+            slope[cut >= 0] = slopes[cut[cut >= 0]]
+        offset = (points[here] - centroids[k][i]) / level.h
+        out[here] = values[i] + np.einsum("nd,ndc->nc", offset, slope)
+    return out * solution.unit
+
+
+@contextmanager
+def timed(stage: str, seconds: dict[str, float], tell: Progress) -> Iterator[None]:
+    """Tell that a stage begins and ends, and add up its seconds."""
+    tell(stage, 0.0)
+    start = perf_counter()
+    yield
+    seconds[stage] += perf_counter() - start
+    tell(stage, 1.0)
