@@ -22,7 +22,7 @@ from clsss.device import Device
 from clsss.errors import InputError
 from clsss.materials import Medium
 from clsss.mesh import Mesh
-from clsss.transport import gather, make_scene
+from clsss.transport import Walk, gather, make_scene
 
 CAP = 200_000  # collisions after which a path is given up; reported, never silent
 PATCH = 0.01  # of the mesh's size: radius of the surface around a point that photons are counted on
@@ -128,20 +128,18 @@ def estimate(
     if points is not None and len(on) < len(at):
         off, near = len(at) - len(on), paths.NEAR * mesh.size
         raise InputError(f"points: {off} of {len(at)} lie more than {near:g} mm off the surface")
+    walk, n = Walk(seed, reenter, CAP, progress), len(on)
+    energy: dict[str, np.ndarray] = {}
     if forward:
         pieces, owner = photons.patches(mesh.triangles, at[on], radius or PATCH * mesh.size)
-        scene = make_scene(pieces, medium, sources, device)
-        area, total = photons.owned_areas(pieces, owner, len(on)), n_paths * len(on)
-        results, energy = photons.trace(
-            scene, sources, mesh, owner, area, total, medium.eta, seed, reenter, CAP, progress
-        )
+        scene, area = make_scene(pieces, medium, sources, device), photons.owned_areas(pieces, owner, n)
+        launched = photons.launched(scene, sources, mesh)
+        results, energy = photons.trace(scene, launched, owner, area, n_paths * n, medium.eta, walk)
         incident = max(energy["incident"].sum(), np.finfo(float).tiny)
         lost, capped = (float(energy[k].sum() / incident) for k in ("lost", "capped"))
     else:
-        scene, energy = make_scene(mesh.triangles, medium, sources, device), {}
-        results, (lost, capped) = paths.trace(
-            scene, sources, place[on], triangle[on], n_paths, seed, reenter, CAP, progress
-        )
+        scene = make_scene(mesh.triangles, medium, sources, device)
+        results, (lost, capped) = paths.trace(scene, sources, place[on], triangle[on], n_paths, walk)
     for name, values in results.items():
         results[name] = np.full((len(at), 3), np.nan)
         results[name][on] = values

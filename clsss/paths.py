@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
+from clsss.device import Buffer
 from clsss.mesh import Mesh, RayCaster
-from clsss.transport import Scene, Sources, launches
+from clsss.transport import QUANTITIES, Scene, Sources, Walk, launches
 
 NEAR = 1e-3  # of the mesh's size: how far off the surface a point may lie
 INSET = 0.02  # of a triangle: how far points keep off its edges
-QUANTITIES = ("radiosity", "single", "multiple")
 
 
 def anchors(mesh: Mesh, points: np.ndarray, normals: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
@@ -56,15 +54,7 @@ def anchors(mesh: Mesh, points: np.ndarray, normals: np.ndarray | None) -> tuple
 
 
 def trace(
-    scene: Scene,
-    sources: Sources,
-    place: np.ndarray,
-    triangle: np.ndarray,
-    n_paths: int,
-    seed: int,
-    reenter: bool,
-    cap: int,
-    progress: Callable[[str, float], None] | None,
+    scene: Scene, sources: Sources, place: np.ndarray, triangle: np.ndarray, n_paths: int, walk: Walk
 ) -> tuple[dict[str, np.ndarray], tuple[float, float]]:
     """Means and standard errors (n, 3) of `QUANTITIES`, and the shares of paths lost and capped.
 
@@ -76,46 +66,24 @@ def trace(
         The lights.
     place, triangle : (n, 3) float64, (n,) int
         Where paths start, as from `anchors`.
-    n_paths, seed, reenter, cap, progress
-        As in `clsss.montecarlo.estimate`.
+    n_paths : int
+        Per point and channel.
+    walk : Walk
+        How.
     """
     device, n, channels = scene.device, len(place), scene.n_channels
-    size = float(np.max(scene.high - scene.low))
-    far = np.linalg.norm(sources.place[:, :3] - scene.centre, axis=1)
-    chance = (scene.strength / np.where(sources.lamps, np.maximum(far, size / 2), 1)[:, None] ** 2).mean(
-        axis=1
-    )
-    chance /= chance.sum()
-    arrays = (
-        device.array(sources.place),
-        device.array(scene.strength / np.maximum(chance, np.finfo(float).tiny)[:, None]),
-        device.array(np.cumsum(chance)),
-        device.array(place),
-        device.array(scene.places[triangle]),
-    )
-    counters = device.zeros(3, np.uint32)
-    box = device.vector(scene.low - 0.01 * size), device.vector(scene.high + 0.01 * size)
-    shape = n, channels, len(chance), scene.n_leaves, scene.leaf_size, cap, seed, int(reenter), scene.g
-    medium = scene.nodes, scene.origin, scene.inverse_spacing, scene.majorant, scene.grid
+    margin = 0.01 * float(np.max(scene.high - scene.low))
+    lights = _choice(scene, sources)
+    starts = device.array(place), device.array(scene.places[triangle])
+    counters = device.zeros(2, np.uint32)
+    shape = n, channels, len(sources.place), walk.cap, walk.seed, int(walk.reenter)
+    box = device.vector(scene.low - margin), device.vector(scene.high + margin)
+    given = (*shape, *box, *scene.surface, *scene.medium, *lights, *starts)
     kernel, block = device.kernel("paths", "paths", *scene.defines), n * channels
     sums = np.zeros((len(QUANTITIES), 2, block))
-    for start, count in launches(n_paths * block, progress):
+    for start, count in launches(n_paths * block, walk.progress):
         out = device.empty((count, 2))
-        surface = scene.boxes, scene.triangles
-        device.run(
-            kernel,
-            count,
-            count,
-            start // block,
-            start % block,
-            *shape,
-            *box,
-            *medium,
-            *surface,
-            *arrays,
-            out,
-            counters,
-        )
+        device.run(kernel, count, count, start // block, start % block, *given, out, counters)
         total, single = out.get().astype(float).T
         where = (start + np.arange(count)) % block
         for into, values in zip(sums, (total, single, total - single), strict=True):
@@ -126,5 +94,15 @@ def trace(
     results = {}
     for name, m, e in zip(QUANTITIES, mean, error, strict=True):
         results[name], results[f"{name}_stderr"] = (scene.rgb(v.reshape(channels, n).T) for v in (m, e))
-    lost, capped, _ = counters.get() / (n_paths * block)
+    lost, capped = counters.get() / (n_paths * block)
     return results, (float(lost), float(capped))
+
+
+def _choice(scene: Scene, sources: Sources) -> tuple[Buffer, ...]:
+    """Lights, their strengths over the chance to be chosen, and these chances summed up: about as they light."""
+    far = np.linalg.norm(sources.place[:, :3] - scene.centre, axis=1)
+    falloff = np.where(sources.lamps, np.maximum(far, scene.radius), 1)[:, None] ** 2
+    chance = (scene.strength / falloff).mean(axis=1)
+    chance /= chance.sum()
+    weight = scene.strength / np.maximum(chance, np.finfo(float).tiny)[:, None]
+    return tuple(scene.device.array(v) for v in (sources.place, weight, np.cumsum(chance)))

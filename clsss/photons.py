@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from clsss.device import Buffer
 from clsss.mesh import Mesh, contains
 from clsss.refine import areas, refine
-from clsss.transport import Scene, Sources, launches
+from clsss.transport import QUANTITIES, Scene, Sources, Walk, launches
 
 BATCHES = 40  # the standard error comes from the scatter between batches
 TALLIES = ("incident", "reflected", "absorbed", "scattered", "unscattered", "lost", "capped")
@@ -43,26 +44,8 @@ def patches(triangles: np.ndarray, points: np.ndarray, radius: float) -> tuple[n
     return pieces, np.where(distance <= radius, first[0][first[1].ravel()][owner], -1)
 
 
-def _beams(scene: Scene, sources: Sources, centre: np.ndarray, radius: float) -> np.ndarray:
-    """Power (l, c) each light sends at the sphere about the object, in units of its channel's strength."""
-    apart = np.linalg.norm(sources.place[:, :3] - centre, axis=1)
-    share = radius / np.maximum(apart, radius)
-    cone = np.where(apart > radius, 2 * np.pi * (1 - np.sqrt(1 - share**2)), 4 * np.pi)
-    return scene.strength * np.where(sources.lamps, cone, np.pi * radius**2)[:, None]
-
-
 def trace(
-    scene: Scene,
-    sources: Sources,
-    mesh: Mesh,
-    owner: np.ndarray,
-    area: np.ndarray,
-    n_photons: int,
-    eta: float,
-    seed: int,
-    reenter: bool,
-    cap: int,
-    progress: Callable[[str, float], None] | None,
+    scene: Scene, lights: Launched, owner: np.ndarray, area: np.ndarray, n_photons: int, eta: float, walk: Walk
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Means and standard errors (n, 3) as of `clsss.paths.trace`, and where the power went, (3,) each [W].
 
@@ -70,88 +53,87 @@ def trace(
     ----------
     scene : Scene
         Surface in pieces, and medium.
-    sources : Sources
-        The lights.
-    mesh : Mesh
-        Whose inside a lamp may be in.
+    lights : Launched
+        As from `launched`.
     owner : (t,) int
         Which of n points each piece belongs to, or -1.
     area : (n,) float64
         Area of each point's pieces [mm^2]; points without any get NaN.
-    n_photons, eta, seed, reenter, cap, progress
-        As in `clsss.montecarlo.estimate`; photons over all points.
+    n_photons : int
+        In all, for each channel.
+    eta : float
+        Index of refraction.
+    walk : Walk
+        How.
     """
     device, channels, n = scene.device, scene.n_channels, len(area)
-    centre, radius = scene.centre, scene.radius
-    power = _beams(scene, sources, centre, radius)
-    chance = power.mean(axis=1) / power.mean(axis=1).sum()
-    weight = power / np.maximum(chance, np.finfo(float).tiny)[:, None]
-    unit = weight.max(axis=0)
-    inside = sources.lamps & contains(
-        mesh, np.where(sources.lamps[:, None], sources.place[:, :3], 2 * scene.high)
-    )
     bins = np.full(scene.n_places, -1, np.int32)
     bins[scene.places] = owner
-    arrays = [
-        device.array(sources.place),
-        device.array(inside.astype(np.int32)),
-        device.array(weight / unit),
-        device.array(np.cumsum(chance)),
-        device.array(bins),
-    ]
-    shape = (
-        channels,
-        len(chance),
-        scene.n_leaves,
-        scene.leaf_size,
-        cap,
-        seed,
-        int(reenter),
-        n,
-        scene.g,
-        float(eta),
-    )
-    medium = scene.nodes, scene.origin, scene.inverse_spacing, scene.majorant, scene.grid
-    sphere = device.vector([*centre, radius])
+    shape = channels, lights.count, n, walk.cap, walk.seed, int(walk.reenter), float(eta)
+    sphere = device.vector([*scene.centre, scene.radius])
+    given = (*shape, sphere, *scene.surface, *scene.medium, *lights.buffers, device.array(bins))
     kernel = device.kernel("photons", "photons", *scene.defines)
-    scores, tallies = (
-        device.empty((channels, n, 2, 2), np.uint32),
-        device.empty((channels, len(TALLIES), 2), np.uint32),
-    )
+    scores = device.empty((channels, n, 2, 2), np.uint32)
+    tallies = device.empty((channels, len(TALLIES), 2), np.uint32)
     batches = min(BATCHES, n_photons)
     bounds = [n_photons * k // batches for k in range(batches + 1)]
-    sums, squares, spent = (
-        np.zeros((3, channels, n)),
-        np.zeros((3, channels, n)),
-        np.zeros((channels, len(TALLIES))),
-    )
+    sums, spent = np.zeros((len(QUANTITIES), 2, channels, n)), np.zeros((channels, len(TALLIES)))
     for batch, (begin, end) in enumerate(itertools.pairwise(bounds)):
         scores.fill(0)
         tallies.fill(0)
         for start, count in launches((end - begin) * channels, None, channels):
-            first = begin + start // channels
-            surface = scene.boxes, scene.triangles
-            device.run(
-                kernel, count, count, first, *shape, sphere, *medium, *surface, *arrays, scores, tallies
-            )
+            device.run(kernel, count, count, begin + start // channels, *given, scores, tallies)
             device.finish()
         single, multiple = np.moveaxis(_words(scores.get()) / (end - begin), 2, 0)
-        for k, value in enumerate((single + multiple, single, multiple)):
-            sums[k] += value
-            squares[k] += value**2
+        for into, value in zip(sums, (single + multiple, single, multiple), strict=True):
+            into[0] += value
+            into[1] += value**2
         spent += _words(tallies.get())
-        if progress:
-            progress("paths", (batch + 1) / batches)
+        if walk.progress:
+            walk.progress("paths", (batch + 1) / batches)
+    energy = scene.rgb((spent * lights.unit[:, None] / n_photons).T)
     with np.errstate(divide="ignore", invalid="ignore"):
-        per_area = unit[:, None] / area
-        mean = sums / batches
-        error = np.sqrt(np.maximum(squares / batches - mean**2, 0) / max(batches - 1, 1))
+        mean, square = np.moveaxis(sums / batches, 1, 0)
+        error = np.sqrt(np.maximum(square - mean**2, 0) / max(batches - 1, 1))
+        per_area = lights.unit[:, None] / area
         results = {}
-        for k, name in enumerate(("radiosity", "single", "multiple")):
-            results[name] = scene.rgb((mean[k] * per_area).T)
-            results[f"{name}_stderr"] = scene.rgb((error[k] * per_area).T)
-    energy = scene.rgb((spent * unit[:, None] / n_photons).T)
+        for name, m, e in zip(QUANTITIES, mean, error, strict=True):
+            results[name], results[f"{name}_stderr"] = (scene.rgb((v * per_area).T) for v in (m, e))
     return results, dict(zip(TALLIES, energy, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Launched:
+    """Lights as the kernel takes them.
+
+    Attributes
+    ----------
+    count : int
+        How many.
+    buffers : tuple of Buffer
+        Places, whether inside the solid, photons' weights, and chances summed up.
+    unit : (c,) float64
+        Power that weight 1 stands for, in units of the channel's strongest light.
+    """
+
+    count: int
+    buffers: tuple[Buffer, ...]
+    unit: np.ndarray
+
+
+def launched(scene: Scene, sources: Sources, mesh: Mesh) -> Launched:
+    """Photons' weights, so that each light gets photons by the power it sends at the sphere about the object."""
+    apart = np.linalg.norm(sources.place[:, :3] - scene.centre, axis=1)
+    share = scene.radius / np.maximum(apart, scene.radius)
+    cone = np.where(apart > scene.radius, 2 * np.pi * (1 - np.sqrt(1 - share**2)), 4 * np.pi)
+    power = scene.strength * np.where(sources.lamps, cone, np.pi * scene.radius**2)[:, None]
+    chance = power.mean(axis=1) / power.mean(axis=1).sum()
+    weight = power / np.maximum(chance, np.finfo(float).tiny)[:, None]
+    unit = weight.max(axis=0)
+    inside = np.zeros(len(apart), np.int32)
+    inside[sources.lamps] = contains(mesh, sources.place[sources.lamps, :3])
+    buffers = tuple(scene.device.array(v) for v in (sources.place, inside, weight / unit, np.cumsum(chance)))
+    return Launched(len(apart), buffers, unit)
 
 
 def _words(sums: np.ndarray) -> np.ndarray:

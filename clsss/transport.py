@@ -18,6 +18,7 @@ from clsss.errors import InputError
 from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 from clsss.materials import Medium
 
+QUANTITIES = ("radiosity", "single", "multiple")
 SKY_BEAMS = 1024
 LAUNCH_SECONDS = 0.2
 GRID_NODES = 96  # along the longest side, for media that vary in space
@@ -67,6 +68,16 @@ def gather(lights: Sequence[Any]) -> Sources:
     return Sources(np.array(place), np.array(strength))
 
 
+@dataclass(frozen=True)
+class Walk:
+    """How paths are walked: see `clsss.montecarlo.estimate`; `cap` is the most collisions a path may have."""
+
+    seed: int
+    reenter: bool
+    cap: int
+    progress: Callable[[str, float], None] | None
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What both kernels share.
@@ -101,7 +112,7 @@ class Scene:
     leaf_size: int
     n_leaves: int
     g: float
-    nodes: Any
+    nodes: tuple[int, ...]
     origin: Any
     inverse_spacing: Any
     defines: tuple[str, ...]
@@ -120,15 +131,23 @@ class Scene:
         """How many channels are traced."""
         return self.strength.shape[1]
 
+    @property
+    def surface(self) -> tuple[Any, ...]:
+        """Kernel arguments: the tree of boxes and its triangles."""
+        return self.n_leaves, self.leaf_size, self.boxes, self.triangles
+
+    @property
+    def medium(self) -> tuple[Any, ...]:
+        """Kernel arguments: mean cosine, grid and coefficients."""
+        return self.g, self.nodes, self.origin, self.inverse_spacing, self.majorant, self.grid
+
     def rgb(self, values: np.ndarray) -> np.ndarray:
-        """Results (n, c) of the channels traced as (n, 3)."""
-        return values[:, self.channel] * self.scale
+        """Results (..., c) of the channels traced as (..., 3)."""
+        return values[..., self.channel] * self.scale
 
 
 def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: Device) -> Scene:
     """Build the tree of boxes, sample the medium, copy both to the device."""
-    import pyopencl.cltypes as cltypes
-
     tree = build(triangles)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     values, spacing = _sampled(medium, low, high)
@@ -153,7 +172,7 @@ def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: 
         leaf_size=tree.leaf_size,
         n_leaves=tree.n_leaves,
         g=float(medium.g),
-        nodes=np.array((size_x, size_y, size_z, size_x * size_y * size_z), cltypes.int4),
+        nodes=(size_x, size_y, size_z, size_x * size_y * size_z),
         origin=device.vector(low),
         inverse_spacing=device.vector(1 / spacing),
         defines=() if medium.homogeneous else ("HETEROGENEOUS",),

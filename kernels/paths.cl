@@ -52,14 +52,14 @@ REAL transmittance(const Surface s, const Medium m, Random *restrict random, con
     return 0;
 }
 
-/* One path per work-item; counters: lost outside, stopped at the cap, collisions (in units of 16). */
+/* One path per work-item; counters: lost outside, stopped at the cap. */
 // cost paths: 12R+4 B, 100000 flop
 __kernel void paths(const int n, const int first_path, const int offset, const int n_points, const int n_channels,
-                    const int n_lights, const int first_leaf, const int leaf_size, const int cap, const int seed,
-                    const int reenter, const REAL g, const REAL4 box_low, const REAL4 box_high, const int4 nodes,
-                    const REAL4 origin, const REAL4 inverse_spacing, __global const REAL *restrict majorant,
-                    __global const REAL2 *restrict grid, __global const REAL *restrict box,
-                    __global const REAL *restrict triangle, __global const REAL4 *restrict light,
+                    const int n_lights, const int cap, const int seed, const int reenter, const REAL4 box_low,
+                    const REAL4 box_high, const int first_leaf, const int leaf_size, __global const REAL *restrict box,
+                    __global const REAL *restrict triangle, const REAL g, const int4 nodes, const REAL4 origin,
+                    const REAL4 inverse_spacing, __global const REAL *restrict majorant,
+                    __global const REAL2 *restrict grid, __global const REAL4 *restrict light,
                     __global const REAL *restrict strength, __global const REAL *restrict cumulative,
                     __global const REAL *restrict point, __global const int *restrict face,
                     __global REAL2 *restrict radiosity, __global uint *restrict counters) {
@@ -109,6 +109,5 @@ __kernel void paths(const int n, const int first_path, const int offset, const i
         ray.direction = around(ray.direction, scattering_cosine(g, u.w), uniform4(&random).x);
     }
     if (tracked == cap) atomic_inc(counters + 1);
-    atomic_add(counters + 2, (uint)(tracked + 15) / 16);
     radiosity[item] = (REAL2)(total, single);
 }

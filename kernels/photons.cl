@@ -43,11 +43,11 @@ REAL reflectance(const REAL cosine, const REAL eta, REAL *restrict beyond) {
 
 // cost photons: 8R B, 100000 flop
 __kernel void photons(const int n, const int first_photon, const int n_channels, const int n_lights,
-                      const int first_leaf, const int leaf_size, const int cap, const int seed, const int reenter,
-                      const int n_bins, const REAL g, const REAL eta, const REAL4 sphere, const int4 nodes,
-                      const REAL4 origin, const REAL4 inverse_spacing, __global const REAL *restrict majorant,
-                      __global const REAL2 *restrict grid, __global const REAL *restrict box,
-                      __global const REAL *restrict triangle, __global const REAL4 *restrict light,
+                      const int n_bins, const int cap, const int seed, const int reenter, const REAL eta,
+                      const REAL4 sphere, const int first_leaf, const int leaf_size, __global const REAL *restrict box,
+                      __global const REAL *restrict triangle, const REAL g, const int4 nodes, const REAL4 origin,
+                      const REAL4 inverse_spacing, __global const REAL *restrict majorant,
+                      __global const REAL2 *restrict grid, __global const REAL4 *restrict light,
                       __global const int *restrict inside, __global const REAL *restrict strength,
                       __global const REAL *restrict cumulative, __global const int *restrict bin,
                       __global uint *restrict scores, __global uint *restrict tallies) {
