@@ -192,4 +192,4 @@ def demo(args: argparse.Namespace) -> None:
         raise InputError(
             f"{path}: cannot write a mesh as {path.suffix!r}; use .ply, .obj, .stl or .glb"
         ) from error
-    write_atomically(path, content if isinstance(content, bytes) else content.encode())
+    write_atomically(path, content if isinstance(content, bytes) else str(content).encode())

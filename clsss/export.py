@@ -188,7 +188,8 @@ def _glb(result: Result, scale: float) -> bytes:
             }
         ]
 
-    scene = trimesh.Scene({mesh.name: shape})
+    scene = trimesh.Scene()
+    scene.add_geometry(shape, geom_name=mesh.name)
     return trimesh.exchange.gltf.export_glb(scene, include_normals=False, tree_postprocessor=unlit)
 
 

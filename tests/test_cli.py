@@ -197,7 +197,7 @@ def test_a_bug_is_one_line_too(capsys):
 
 def test_progress_covers_the_whole_bake():
     shares = [running.overall(stage, f) for stage in running._STAGES for f in (0, 1)]
-    assert shares == sorted(shares)
+    assert np.diff(shares).min() > -1e-12
     assert (shares[0], shares[-1]) == (0, pytest.approx(1))
 
 

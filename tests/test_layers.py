@@ -38,6 +38,7 @@ LAYERS = {
     3.1: ["source"],
     4: ["multigrid", "surface"],
     4.1: ["exchange"],
+    4.2: ["lighting"],
     5: ["simulate"],
     6: ["export", "request"],
     6.1: ["running"],
