@@ -1,0 +1,128 @@
+"""Solids with known measures, and what the solver makes of them: octree, operator, solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from clsss import cutcell, diffusion, octree, source
+from clsss.device import Buffer, Device
+from clsss.materials import fresnel_A
+from clsss.mesh import Mesh
+from clsss.multigrid import Convergence, Multigrid
+
+
+def solid(triangles: np.ndarray, closed: bool = True) -> Mesh:
+    """A solid bounded by triangles (m, 3, 3) exactly as they are: nothing is welded, turned or filled."""
+    vertices = np.asarray(triangles, float).reshape(-1, 3)
+    faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    report = {"faces": len(faces), "vertices": len(vertices), "closed": closed, "repairs": []}
+    report["size_mm"] = float(np.ptp(vertices, axis=0).max())
+    return Mesh(vertices, faces, np.repeat(normals, 3, axis=0), vertices[faces], closed, report, "solid")
+
+
+def sphere_triangles(radius: float = 10.0, subdivisions: int = 5) -> np.ndarray:
+    """A geodesic sphere with the volume of the round one."""
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions)
+    return mesh.triangles * radius * (4 / 3 * np.pi / mesh.volume) ** (1 / 3)
+
+
+def sphere(radius: float = 10.0, subdivisions: int = 5) -> Mesh:
+    return solid(sphere_triangles(radius, subdivisions))
+
+
+def torus(major: float = 7.0, minor: float = 3.0) -> Mesh:
+    return solid(trimesh.creation.torus(major, minor, major_sections=96, minor_sections=48).triangles)
+
+
+def box_triangles(extents: Any, centre: Any = (0.0, 0.0, 0.0), turn: np.ndarray | None = None) -> np.ndarray:
+    """An axis-aligned box, or one turned by a rotation matrix about its centre."""
+    triangles = trimesh.creation.box(extents).triangles
+    return (triangles if turn is None else triangles @ turn.T) + np.asarray(centre)
+
+
+def box(extents: Any, turn: np.ndarray | None = None) -> Mesh:
+    return solid(box_triangles(extents, turn=turn))
+
+
+def hollow_sphere(radius: float = 10.0, cavity: float = 5.0) -> Mesh:
+    """A ball around a closed cavity: the inner wall is wound inward."""
+    return solid(np.concatenate([sphere_triangles(radius), sphere_triangles(cavity)[:, ::-1]]))
+
+
+ROTATION = trimesh.transformations.euler_matrix(0.4, 0.7, 1.1)[:3, :3]
+
+
+def build_tree(device: Device, mesh: Mesh, resolution: int, **options: Any) -> octree.Octree:
+    """The octree of a solid at a resolution."""
+    grid = cutcell.make_grid(mesh.bounds, resolution)
+    return octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), **options)
+
+
+def build_operator(device: Device, tree: octree.Octree, medium: Any) -> diffusion.Operator:
+    """The discrete equation for a medium."""
+    return diffusion.make_operator(
+        device, tree, diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
+    )
+
+
+def fields(device: Device, tree: octree.Octree, ghosts: bool = False) -> list[Buffer]:
+    """One field of zeros (n, 4), or (n + n_ghost, 4), on every level."""
+    return [device.zeros((level.n + ghosts * level.n_ghost, 4)) for level in tree.levels]
+
+
+def set_field(tree: octree.Octree, phi: list[Buffer], function: Any) -> None:
+    """Set a field (its leaves; ghosts and covered cells follow) to a function of points (n, 3) -> (n,)."""
+    for points, level, x in zip(diffusion.cell_points(tree), tree.levels, phi, strict=True):
+        values = np.zeros(x.shape)
+        values[: level.n] = function(points)[:, None]
+        x.set(values)
+
+
+@dataclass
+class Solved:
+    """A solution and where its values belong."""
+
+    tree: octree.Octree
+    convergence: Convergence
+    phi: list[Buffer]
+    phi_B: np.ndarray
+
+    def leaves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Centroids (n, 3), volumes (n,), values (n, 3) of all leaves, and whether they are cut."""
+        points, volumes, values, cut = [], [], [], []
+        all_points, all_volumes = diffusion.cell_points(self.tree), self.tree.volumes()
+        for k, level in enumerate(self.tree.levels):
+            points.append(all_points[k][level.leaf])
+            volumes.append(all_volumes[k][level.leaf])
+            values.append(self.phi[k].get()[: level.n, :3][level.leaf])
+            is_cut = np.zeros(level.n, bool)
+            if level.depth == 0:
+                is_cut[self.tree.cut.cell.get()] = True
+            cut.append(is_cut[level.leaf])
+        return tuple(np.concatenate(v) for v in (points, volumes, values, cut))
+
+
+def solve(device: Device, mesh: Mesh, medium: Any, lights: list[Any], resolution: int, tolerance: float,
+          **options: Any) -> Solved:  # fmt: skip
+    """Solve for the fluence in a solid, without the exchange between parts of its surface."""
+    tree = build_tree(device, mesh, resolution, **options)
+    op = build_operator(device, tree, medium)
+    src = source.make_source(device, tree, op.medium, lights, 1.0)
+    source.subtract_moment(device, tree, op.medium, src.moment, src.b[-1])
+    phi = fields(device, tree, ghosts=True)
+    multigrid = Multigrid(device, op)
+    convergence = multigrid.solve(src.b, phi, tolerance)
+    phi_B = multigrid.residual.boundary_value(phi, src.moment).get()[:, :3].astype(float)
+    return Solved(tree, convergence, phi, phi_B)
+
+
+def relative_rms(value: np.ndarray, exact: np.ndarray, weight: Any = 1.0) -> float:
+    """Weighted 2-norm of the error over that of the exact values."""
+    return float(np.sqrt(np.sum(weight * (value - exact) ** 2) / np.sum(weight * np.asarray(exact) ** 2)))

@@ -1,0 +1,50 @@
+"""House rules of the kernels, and that each builds in every variant."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from clsss.device import KERNEL_DIR, kernel_source
+
+FILES = sorted(path.stem for path in KERNEL_DIR.glob("*.cl"))
+ALL_FILES = sorted(path.name for path in KERNEL_DIR.iterdir() if path.suffix in (".cl", ".h"))
+KERNEL = re.compile(r"__kernel\s+void\s+(\w+)")
+COST = re.compile(r"// cost (\w+): [\dR+]+ B, \d+ flop")
+
+
+def code_of(name):
+    """The text of a file without its comments."""
+    text = (KERNEL_DIR / name).read_text()
+    return re.sub(r"//[^\n]*", "", re.sub(r"/\*.*?\*/", "", text, flags=re.S))
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_kernel_states_its_cost(file):
+    text = (KERNEL_DIR / f"{file}.cl").read_text()
+    stated = [match[1] for match in COST.finditer(text)]
+    assert stated == KERNEL.findall(code_of(f"{file}.cl"))
+    assert len(stated) == text.count("// cost")
+
+
+@pytest.mark.parametrize("name", ALL_FILES)
+def test_precision_comes_from_the_build(name):
+    code = code_of(name)
+    assert not re.search(r"\d\.?\d*f\b", code)
+    assert not re.search(r"\bdouble\d*\b", code)
+    if name != "real.h":
+        assert not re.search(r"\bfloat\d*\b|convert_float", code)
+
+
+@pytest.mark.parametrize("name", ALL_FILES)
+def test_every_file_says_what_it_is(name):
+    assert (KERNEL_DIR / name).read_text().startswith(f"/* {name} -- ")
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_kernel_builds(device, file):
+    variants = [(), ("HETEROGENEOUS",)] if "HETEROGENEOUS" in kernel_source(f"{file}.cl") else [()]
+    for defines in variants:
+        for name in KERNEL.findall(code_of(f"{file}.cl")):
+            assert device.kernel(file, name, *defines).function_name == name

@@ -1,0 +1,227 @@
+"""The octree's invariants, on every level of every shape."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from shapes import ROTATION, box, box_triangles, build_tree, hollow_sphere, solid, sphere, sphere_triangles, torus
+
+from clsss import diffusion
+
+STEPS = np.array([(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)])
+
+
+def disjoint_bodies():
+    """A large sphere, a small one and a speck, far apart."""
+    parts = [sphere_triangles(8) - [12, 0, 0], sphere_triangles(3, 4) + [10, 6, 2], sphere_triangles(0.4, 2) + [12, -8, 0]]
+    return solid(np.concatenate(parts))
+
+
+SOLIDS = {
+    "sphere": (sphere, 48),
+    "torus": (torus, 40),
+    "hollow sphere": (lambda: hollow_sphere(10, 3), 48),
+    "thin plate": (lambda: box((20, 20, 0.9), ROTATION), 32),
+    "needle": (lambda: box((20, 0.3, 0.3), ROTATION), 24),
+    "tiny": (lambda: sphere(1e-4), 8),
+    "bodies": (disjoint_bodies, 48),
+    "coarse": (sphere, 4),
+}
+
+
+@pytest.fixture(scope="module", params=SOLIDS, ids=lambda name: name.replace(" ", "-"))
+def tree(single, request):
+    make, resolution = SOLIDS[request.param]
+    return build_tree(single, make(), resolution)
+
+
+def leaf_depths(tree):
+    """Depth of the leaf that covers each cell of the finest grid (x, y, z), -1 where there is none."""
+    out = np.full(tree.grid.dims, -1, np.int8)
+    for level in tree.levels:
+        width = 1 << level.depth
+        for x, y, z in level.ijk[level.leaf] * width:
+            part = out[x : x + width, y : y + width, z : z + width]
+            assert (part == -1).all(), "leaves overlap"
+            part[...] = level.depth
+    return out
+
+
+def test_neighbouring_leaves_differ_by_one_level_at_most(tree):
+    """2:1 across faces, edges and corners."""
+    depth = leaf_depths(tree)
+    deepest = ndimage.maximum_filter(depth, 3)
+    shallowest = ndimage.minimum_filter(np.where(depth < 0, 99, depth), 3)
+    assert (deepest - shallowest)[depth >= 0].max() <= 1
+
+
+def test_every_leaf_is_found_at_its_centre(tree):
+    for level in tree.levels:
+        leaves = np.flatnonzero(level.leaf)
+        centre = tree.grid.to_mm((level.ijk[leaves] + 0.5) * 2**level.depth)
+        depth, index = tree.find(centre)
+        assert (depth == level.depth).all()
+        np.testing.assert_array_equal(index, leaves)
+
+
+def test_nothing_is_found_outside(tree):
+    dims = np.array(tree.grid.dims)
+    corners = tree.grid.to_mm(np.array([[0.5, 0.5, 0.5], dims - 0.5, [-1, 3, 3], dims + 2, -1e6 * dims]))
+    depth, index = tree.find(corners)
+    assert (depth == -1).all()
+    assert (index == -1).all()
+
+
+def test_parents_and_children_are_inverse(tree):
+    for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
+        parent, child = fine.parent.get()[: fine.n], coarse.child.get()
+        np.testing.assert_array_equal(coarse.ijk[parent], fine.ijk >> 1)
+        octant = (fine.ijk & 1) @ [1, 2, 4]
+        np.testing.assert_array_equal(child[parent, octant], np.arange(fine.n))
+        assert (child >= 0).sum() == fine.n
+        np.testing.assert_array_equal((child >= 0).any(axis=1), ~coarse.leaf)
+    assert tree.levels[0].parent is None
+    assert tree.finest.leaf.all()
+
+
+def test_neighbours_lie_where_they_should(tree):
+    for k, level in enumerate(tree.levels):
+        nbr, own = level.nbr.get(), np.arange(level.n)
+        for face, step in enumerate(STEPS):
+            j = nbr[:, face]
+            same = (j < level.n) & (j != own)
+            np.testing.assert_array_equal(level.ijk[j[same]], level.ijk[same] + step)
+            assert (nbr[j[same], face ^ 1] == own[same]).all()
+            ghost = j >= level.n
+            beyond = level.parent.get()[j[ghost]] if ghost.any() else own[:0]
+            if ghost.any():
+                coarse = tree.levels[k - 1]
+                np.testing.assert_array_equal(coarse.ijk[beyond], (level.ijk[ghost] + step) >> 1)
+
+
+def test_parents_of_ghosts_are_leaves(tree):
+    for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
+        parent = fine.parent.get()[fine.n :]
+        assert len(parent) == fine.n_ghost
+        assert coarse.leaf[parent].all()
+        faces = fine.ghost_face.get()
+        np.testing.assert_array_equal(fine.nbr.get().ravel()[faces], fine.n + np.arange(fine.n_ghost))
+        assert len(np.unique(faces)) == fine.n_ghost
+
+
+def test_interface_lists_the_ghosts_of_each_leaf(tree):
+    for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
+        interface, start = coarse.interface.get(), coarse.interface_start.get()
+        np.testing.assert_array_equal(
+            np.repeat(interface, np.diff(start)) if len(interface) else interface, fine.parent.get()[fine.n :]
+        )
+
+
+def test_no_neighbours_share_a_colour(tree):
+    for level in tree.levels:
+        red, black, end = level.colour_start
+        assert (red, end) == (0, level.n)
+        colour = np.arange(level.n) >= black
+        nbr, own = level.nbr.get(), np.arange(level.n)
+        for face in range(6):
+            j = nbr[:, face]
+            same = (j < level.n) & (j != own)
+            assert (colour[j[same]] != colour[same]).all()
+
+
+def test_cells_of_one_colour_are_in_order(tree):
+    for level in tree.levels:
+        for first, end in zip(level.colour_start[:-1], level.colour_start[1:], strict=True):
+            x, y, z = level.ijk[first:end].T.astype(np.int64)
+            key = (z << 40) + (y << 20) + x
+            assert (np.diff(key) > 0).all()
+
+
+def test_cut_cells_and_all_around_them_are_finest(tree):
+    depth = leaf_depths(tree)
+    near = np.zeros(depth.shape, bool)
+    near[tuple(tree.finest.ijk[tree.cut.cell.get()].T)] = True
+    near = ndimage.binary_dilation(near, np.ones((3, 3, 3)))
+    assert depth[near].max() <= 0
+
+
+def test_bands_are_two_cells_wide(tree):
+    """Between a leaf and those two levels coarser lie at least two cells of the level between, diagonals included."""
+    depth = leaf_depths(tree)
+    for level in range(int(depth.max()) - 1):
+        width = 2 << level
+        finer = ndimage.binary_dilation((depth >= 0) & (depth <= level), np.ones((3, 3, 3)), iterations=2 * width)
+        assert not (finer & (depth > level + 1)).any()
+
+
+def test_cut_index_and_cut_cells_are_inverse(tree):
+    index, cell = tree.cut_index.get(), tree.cut.cell.get()
+    assert (np.diff(cell) > 0).all()
+    np.testing.assert_array_equal(index[cell], np.arange(tree.cut.n))
+    assert (index >= 0).sum() == tree.cut.n
+
+
+@pytest.mark.parametrize(
+    ("make", "expected", "resolution", "accuracy"),
+    [
+        (sphere, 4 / 3 * np.pi * 1000, 48, 2e-3),
+        (torus, 2 * np.pi**2 * 7 * 9, 48, 6e-3),
+        (lambda: hollow_sphere(10, 5), 4 / 3 * np.pi * 875, 48, 3e-3),
+        (lambda: box((20, 20, 0.9), ROTATION), 360, 48, 0.02),
+        (disjoint_bodies, 4 / 3 * np.pi * (8**3 + 3**3 + 0.4**3), 64, 6e-3),
+    ],
+    ids=["sphere", "torus", "hollow", "plate", "bodies"],
+)
+@pytest.mark.parametrize("adaptive", [True, False])
+def test_leaves_tile_the_object(single, make, expected, resolution, accuracy, adaptive):
+    tree = build_tree(single, make(), resolution, adaptive=adaptive)
+    volume = sum(v[level.leaf].sum() for level, v in zip(tree.levels, tree.volumes(), strict=True))
+    assert volume == pytest.approx(expected, rel=accuracy)
+
+
+def test_without_adaption_all_leaves_are_finest(single):
+    tree = build_tree(single, sphere(), 32, adaptive=False)
+    assert not any(level.leaf.any() for level in tree.levels[:-1])
+    assert tree.n_leaves == tree.finest.n
+    assert all(level.n_ghost == 0 for level in tree.levels)
+
+
+def test_merging_saves_cells_and_keeps_cut_cells(single):
+    merged, uniform = (build_tree(single, sphere(), 64, adaptive=adaptive) for adaptive in (True, False))
+    assert merged.n_leaves < uniform.n_leaves
+    np.testing.assert_allclose(merged.cut.centroid.get(), uniform.cut.centroid.get())
+
+
+def test_refinement_where_asked(single):
+    """A criterion splits cells wherever they are; balance and bands still hold."""
+    plain = build_tree(single, sphere(), 64)
+
+    def at_centre(level, cells):
+        out = np.zeros(cells.shape, bool)
+        out[tuple(n // 2 for n in cells.shape)] = True
+        return out
+
+    refined = build_tree(single, sphere(), 64, refine=at_centre)
+    assert refined.find(np.zeros((1, 3)))[0][0] < plain.find(np.zeros((1, 3)))[0][0]
+    test_neighbouring_leaves_differ_by_one_level_at_most(refined)
+    test_bands_are_two_cells_wide(refined)
+    test_every_leaf_is_found_at_its_centre(refined)
+
+
+def test_separate_bodies_keep_their_leaves(single):
+    tree = build_tree(single, disjoint_bodies(), 64)
+    points = np.array([[-12.0, 0, 0], [10, 6, 2], [12, -8, 0]])
+    assert (tree.find(points)[0] >= 0).all()
+    assert tree.find(np.zeros((1, 3)))[0][0] == -1
+
+
+def test_coarsest_level_is_small(tree):
+    """Its dense inverse has to stay cheap."""
+    assert tree.levels[0].n <= 64
+
+
+def test_points_are_inside_their_cells(tree):
+    for points, level in zip(diffusion.cell_points(tree), tree.levels, strict=True):
+        local = tree.grid.to_cells(points) / 2**level.depth - level.ijk
+        assert -1e-5 <= local.min() <= local.max() <= 1 + 1e-5
