@@ -10,6 +10,7 @@ import json
 import sys
 from typing import TYPE_CHECKING
 
+from clsss import __version__
 from clsss.options import LIGHT_HELP, add_mesh, add_shared, parse
 from clsss.running import bake_with_bar, interruptible, leave, load, run
 
@@ -38,6 +39,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Subsurface light diffusion in meshes: bakes how light scatters inside to colours.",
         epilog="`python -m clsss.view MESH` shows the result in a window.",
     )
+    parser.add_argument("--version", action="version", version=f"clsss {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
     def add(name: str, command: object, text: str, epilog: str | None = None) -> argparse.ArgumentParser:
@@ -80,9 +82,9 @@ def bake(args: argparse.Namespace) -> None:
     if args.report:
         check_writable(args.report)
     result = bake_with_bar(args)
+    save(result, args.output, args.exposure)
     if args.report:
         write_atomically(args.report, (json.dumps(result.report, indent=1) + "\n").encode())
-    save(result, args.output, args.exposure)
     if not args.quiet:
         print(_summary(result.report), f"saved {args.output}", sep="\n", file=sys.stderr)
 
