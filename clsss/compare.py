@@ -1,0 +1,182 @@
+"""Ours, the dipole and Monte Carlo side by side: how far each is from the truth, and what it costs.
+
+    rms = |x - x_mc| / |x_mc|     largest = max |x - x_mc| / rms(x_mc)     bias = sum(x - x_mc) / sum(x_mc)
+
+over points and channels. Input: a `Result`. Output: a `Comparison`, as a table here, as a picture from
+comparison_picture.py. Where photons are counted around points, the others are averaged over the same surface.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clsss.device import Device
+from clsss.dipole import dipole
+from clsss.errors import InputError
+from clsss.mesh import Mesh
+from clsss.montecarlo import estimate
+from clsss.refine import areas
+
+if TYPE_CHECKING:
+    from clsss.simulate import Result
+
+Progress = Callable[[str, float], None]
+
+OURS, DIPOLE = "clsss", "dipole"
+
+
+@dataclass(frozen=True)
+class Score:
+    """How far one method is from Monte Carlo, relative (see the module), and its time [s]."""
+
+    name: str
+    rms: float
+    largest: float
+    bias: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What was compared.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The solid.
+    radiosity : dict of (v, 3) float64
+        Of each method at the vertices [W/mm^2], ours first.
+    points : (n,) int64
+        Vertices that Monte Carlo was run at.
+    truth, stderr : (n, 3) float64
+        Its radiosity there and standard error [W/mm^2].
+    scores : list of Score
+        Of each method.
+    noise, seconds : float
+        Monte Carlo's own error, relative as rms is, and time [s].
+    left_out : str
+        Why a method is missing, or empty.
+    """
+
+    mesh: Mesh
+    radiosity: dict[str, np.ndarray]
+    points: np.ndarray
+    truth: np.ndarray
+    stderr: np.ndarray
+    scores: list[Score]
+    noise: float
+    seconds: float
+    left_out: str = ""
+
+    def table(self) -> str:
+        """The scores as lines of text."""
+        lines = [f"{'method':<12}{'rms':>8}{'beyond noise':>15}{'largest':>10}{'bias':>9}{'seconds':>10}"]
+        for s in self.scores:
+            beyond = np.sqrt(max(s.rms**2 - self.noise**2, 0))
+            lines.append(f"{s.name:<12}{s.rms:>8.2%}{beyond:>15.2%}{s.largest:>10.1%}{s.bias:>+9.2%}{s.seconds:>10.1f}")
+        lines.append(f"{'Monte Carlo':<12}{self.noise:>8.2%}{'':>34}{self.seconds:>10.1f}")
+        lines.append(f"against Monte Carlo at {len(self.points)} points, whose own rms is noise")
+        return "\n".join([*lines, self.left_out] if self.left_out else lines)
+
+
+def compare(
+    result: Result, n_points: int = 1000, n_paths: int = 1000, seed: int = 0, progress: Progress | None = None
+) -> Comparison:
+    """Run the dipole and Monte Carlo on what was simulated.
+
+    Parameters
+    ----------
+    result : Result
+        From `clsss.simulate`.
+    n_points : int
+        Vertices to run Monte Carlo at, spread over the surface by area; all where there are fewer.
+    n_paths : int
+        Paths per point and channel.
+    seed : int
+        Of the points and paths.
+    progress : callable, optional
+        Called with a stage and the fraction of it that is done.
+
+    Raises
+    ------
+    InputError
+        A light shines inside, or there is nothing to sample.
+    """
+    mesh, medium, lights = result.mesh, result.medium, result.lights
+    device = Device(result.report["device"], "single")
+    radiosity = {OURS: result.vertex_radiosity}
+    seconds = {OURS: float(result.report["seconds"]["total"])}
+    left_out = ""
+    try:
+        started = time.perf_counter()
+        radiosity[DIPOLE] = dipole(mesh, medium, lights, device=device, progress=progress)
+        seconds[DIPOLE] = time.perf_counter() - started
+    except InputError as error:
+        left_out = f"no dipole: {error}"
+    weight = vertex_areas(mesh)
+    points = _spread(weight, n_points, seed)
+    radius = float(np.sqrt(weight.sum() / (np.pi * len(points)))) if medium.eta != 1 else 0.0
+    truth = estimate(
+        mesh, medium, lights, n_paths, mesh.vertices[points], mesh.normals[points],
+        seed=seed, radius=radius or None, device=device, progress=progress,
+    )  # fmt: skip
+    good = np.isfinite(truth.radiosity).all(axis=1)
+    scores = []
+    for name, values in radiosity.items():
+        around = _averaged(mesh.vertices, values, weight, mesh.vertices[points], radius)
+        scores.append(_score(name, around[good], truth.radiosity[good], seconds[name]))
+    return Comparison(
+        mesh,
+        radiosity,
+        points[good],
+        truth.radiosity[good],
+        truth.stderr[good],
+        scores,
+        _norm(truth.stderr[good]) / _norm(truth.radiosity[good]),
+        truth.seconds,
+        left_out,
+    )
+
+
+def vertex_areas(mesh: Mesh) -> np.ndarray:
+    """A third of the area of its faces, for every vertex (v,) [mm^2]."""
+    area = areas(mesh.vertices[mesh.faces])
+    return np.bincount(mesh.faces.ravel(), np.repeat(area / 3, 3), minlength=len(mesh.vertices))
+
+
+def _spread(weight: np.ndarray, n_points: int, seed: int) -> np.ndarray:
+    used = np.flatnonzero(weight > 0)
+    if n_points < 1 or not len(used):
+        raise InputError(f"n_points: needs at least 1 and a surface to spread them over, got {n_points}")
+    if len(used) <= n_points:
+        return used
+    share = weight[used] / weight[used].sum()
+    return np.sort(np.random.default_rng(seed).choice(used, n_points, replace=False, p=share))
+
+
+def _averaged(
+    vertices: np.ndarray, values: np.ndarray, weight: np.ndarray, points: np.ndarray, radius: float
+) -> np.ndarray:
+    """Values at the vertices averaged over each point's part of the surface, up to `radius` from it."""
+    from scipy.spatial import cKDTree
+
+    distance, owner = cKDTree(points).query(vertices)
+    near = (distance <= radius) & (weight > 0)
+    owner, weight = owner[near], weight[near]
+    sums = [np.bincount(owner, weight * values[near, c], len(points)) for c in range(3)]
+    return np.stack(sums, axis=1) / np.bincount(owner, weight, len(points))[:, None]
+
+
+def _norm(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _score(name: str, values: np.ndarray, truth: np.ndarray, seconds: float) -> Score:
+    off, scale = values - truth, max(_norm(truth), np.finfo(float).tiny)
+    bias = off.sum() / max(truth.sum(), np.finfo(float).tiny)
+    return Score(name, _norm(off) / scale, float(np.abs(off).max()) / scale, float(bias), seconds)
