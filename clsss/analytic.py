@@ -8,15 +8,12 @@ function of place; the exitance is M = J.n = phi / (2 A). Spheres are in analyti
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from clsss.errors import InputError
-
-Field = Callable[..., np.ndarray]
 
 
 def scaled(sigma_s: Any, g: Any, phase: str) -> tuple[np.ndarray, np.ndarray]:
@@ -41,16 +38,77 @@ def scaled(sigma_s: Any, g: Any, phase: str) -> tuple[np.ndarray, np.ndarray]:
     return (1 - f) * sigma_s, (g - f) / (1 - f)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Slab:
-    """Solution in a slab: functions of depth z [mm], and what leaves it per incident power."""
+    """Solution in a slab, from `slab`.
 
-    phi: Field
-    flux: Field
-    beam: Field
-    reflectance: float
-    transmittance: float
-    unscattered: float
+    Attributes
+    ----------
+    d, start : (n,) and (n + 1,) float64
+        Thickness of each layer, depths where layers start and end [mm].
+    k, D, extinction, moment, C, entering : (n,) float64
+        As in `slab`; `moment` is 3 D g* sigma_s*, `entering` the beam where each layer starts.
+    A : float
+        Boundary constant.
+    ab : (n, 2) float64
+        Coefficients of the two solutions of the equation without source.
+    """
+
+    d: np.ndarray
+    start: np.ndarray
+    k: np.ndarray
+    D: np.ndarray
+    extinction: np.ndarray
+    moment: np.ndarray
+    C: np.ndarray
+    entering: np.ndarray
+    A: float
+    ab: np.ndarray
+
+    def _layer(self, z: Any) -> np.ndarray:
+        return np.clip(np.searchsorted(self.start, np.asarray(z, float), side="right") - 1, 0, len(self.d) - 1)
+
+    def beam(self, z: Any) -> np.ndarray:
+        """Irradiance of the unscattered beam at depth z [mm]."""
+        i = self._layer(z)
+        return self.entering[i] * np.exp(-self.extinction[i] * (np.asarray(z, float) - self.start[i]))
+
+    def terms(self, i: Any, z: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Phi and J of layer i at depth z: of the solutions that a and b multiply, and of the beam; (3, ...)."""
+        x, k, D, d = np.asarray(z, float) - self.start[i], self.k[i], self.D[i], self.d[i]
+        F = self.entering[i] * np.exp(-self.extinction[i] * x)
+        e, rise = np.exp(-k * x), np.exp(-k * (d - x)) / np.expm1(-2 * k * d)
+        sinh, cosh = rise * np.expm1(-2 * k * x), -rise * (1 + np.exp(-2 * k * x))
+        flux = (D * self.extinction[i] * self.C[i] + self.moment[i]) * F
+        return np.array([e, sinh, self.C[i] * F]), np.array([D * k * e, -D * k * cosh, flux])
+
+    def _value(self, z: Any, which: int) -> np.ndarray:
+        i = self._layer(z)
+        part = self.terms(i, z)[which]
+        return self.ab[i, 0] * part[0] + self.ab[i, 1] * part[1] + part[2]
+
+    def phi(self, z: Any) -> np.ndarray:
+        """Fluence of the scattered light at depth z [mm]."""
+        return self._value(z, 0)
+
+    def flux(self, z: Any) -> np.ndarray:
+        """Net flux of the scattered light along +z."""
+        return self._value(z, 1)
+
+    @property
+    def reflectance(self) -> float:
+        """Scattered power that leaves at z = 0."""
+        return float(self.phi(0.0)) / (2 * self.A)
+
+    @property
+    def transmittance(self) -> float:
+        """Scattered power that leaves at the far end."""
+        return float(self.phi(self.start[-1])) / (2 * self.A)
+
+    @property
+    def unscattered(self) -> float:
+        """Power of the beam that passes through."""
+        return float(self.beam(self.start[-1]))
 
 
 def slab(
@@ -80,58 +138,26 @@ def slab(
     ----------
     Ishimaru 1978, "Wave Propagation and Scattering in Random Media", ch. 9 (the diffusion approximation).
     """
-    d, sigma_a, sigma_s, g = (
-        np.ravel(v).astype(float) for v in np.broadcast_arrays(thickness, sigma_a, sigma_s, g)
-    )
+    d, sigma_a, sigma_s, g = (np.ravel(v).astype(float) for v in np.broadcast_arrays(thickness, sigma_a, sigma_s, g))
     n, D = len(d), 1 / (3 * (sigma_a + (1 - g) * sigma_s))
     k = np.maximum(np.sqrt(sigma_a / D), 1e-7 / d)  # the limit k -> 0 without its 0/0
     s, g = scaled(sigma_s, g, phase)
     extinction, moment = sigma_a + s, 3 * D * g * s
     C = (s + moment * extinction) / (sigma_a - D * extinction**2)
     start = np.concatenate([[0.0], np.cumsum(d)])
-    entering = np.exp(-np.concatenate([[0.0], np.cumsum(extinction * d)]))
-
-    def terms(i: Any, z: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Phi and J of the layer's a, b and particular parts: (3, ...) each."""
-        x = np.asarray(z, float) - start[i]
-        F = entering[i] * np.exp(-extinction[i] * x)
-        e = np.exp(-k[i] * x)
-        rise = np.exp(-k[i] * (d[i] - x)) / np.expm1(-2 * k[i] * d[i])
-        sinh, cosh = rise * np.expm1(-2 * k[i] * x), -rise * (1 + np.exp(-2 * k[i] * x))
-        flux = (D[i] * extinction[i] * C[i] + moment[i]) * F
-        return np.array([e, sinh, C[i] * F]), np.array([D[i] * k[i] * e, -D[i] * k[i] * cosh, flux])
-
+    entering = np.exp(-np.concatenate([[0.0], np.cumsum(extinction * d)])[:-1])
+    layers = Slab(d, start, k, D, extinction, moment, C, entering, fresnel_A, np.zeros((n, 2)))
     rows, right = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
     for row, i, z, sign in ((0, 0, 0.0, 1), (2 * n - 1, n - 1, start[n], -1)):
-        phi, flux = terms(i, z)
+        phi, flux = layers.terms(i, z)
         equation = phi + sign * 2 * fresnel_A * flux
         rows[row, 2 * i : 2 * i + 2], right[row] = equation[:2], -equation[2]
     for i in range(n - 1):
-        for row, left, other in zip(
-            (2 * i + 1, 2 * i + 2), terms(i, start[i + 1]), terms(i + 1, start[i + 1]), strict=True
-        ):
+        pairs = zip(layers.terms(i, start[i + 1]), layers.terms(i + 1, start[i + 1]), strict=True)
+        for row, (left, other) in zip((2 * i + 1, 2 * i + 2), pairs, strict=True):
             rows[row, 2 * i : 2 * i + 4] = [left[0], left[1], -other[0], -other[1]]
             right[row] = other[2] - left[2]
-    ab = np.linalg.solve(rows, right).reshape(n, 2)
-
-    def layer(z: Any) -> np.ndarray:
-        return np.clip(np.searchsorted(start, np.asarray(z, float), side="right") - 1, 0, n - 1)
-
-    def value(z: Any, which: int) -> np.ndarray:
-        i = layer(z)
-        part = terms(i, z)[which]
-        return ab[i, 0] * part[0] + ab[i, 1] * part[1] + part[2]
-
-    return Slab(
-        phi=lambda z: value(z, 0),
-        flux=lambda z: value(z, 1),
-        beam=lambda z: (
-            entering[layer(z)] * np.exp(-extinction[layer(z)] * (np.asarray(z, float) - start[layer(z)]))
-        ),
-        reflectance=float(value(0.0, 0) / (2 * fresnel_A)),
-        transmittance=float(value(start[n], 0) / (2 * fresnel_A)),
-        unscattered=float(entering[n]),
-    )
+    return replace(layers, ab=np.linalg.solve(rows, right).reshape(n, 2))
 
 
 def half_space(

@@ -9,6 +9,7 @@ Output: fluence phi(r, cos gamma) [W/mm^2]. `sphere` has sources inside, `sphere
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,89 @@ def _bessel(degree: int, k: Any, r: Any, ref: Any, kind: str) -> tuple[np.ndarra
         return value, k * (following + degree / x * value)
 
 
+@dataclass(frozen=True, eq=False)
+class Layers:
+    """Concentric layers with their sources; called with (r, cos_gamma), it gives phi [W/mm^2].
+
+    Attributes
+    ----------
+    radii, sigma_a, D, k, q0 : (n,) float64
+        Of each layer, from the innermost.
+    A : float
+        Boundary constant of the outermost surface.
+    power, source_radius : float
+        Of the point source [W], and how far from the centre it is [mm].
+    highest : int
+        Highest degree of the expansion.
+    """
+
+    radii: np.ndarray
+    sigma_a: np.ndarray
+    D: np.ndarray
+    k: np.ndarray
+    q0: np.ndarray
+    A: float
+    power: float
+    source_radius: float
+    highest: int
+
+    @property
+    def home(self) -> int:
+        """The layer that the point source is in."""
+        return int(np.searchsorted(self.radii, self.source_radius))
+
+    def terms(self, degree: int, i: int, r: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Value and D times slope in layer i of i_l, of k_l, and of what the sources add: (3, ...) each."""
+        r, k = np.asarray(r, float), self.k[i]
+        i_l = _bessel(degree, k, r, self.radii[i], "i")
+        k_l = _bessel(degree, k, r, self.radii[max(i - 1, 0)], "k")
+        own = np.full(r.shape, self.q0[i] / self.sigma_a[i] if degree == 0 else 0.0)
+        slope = np.zeros(r.shape)
+        if i == self.home and self.power and (degree == 0 or self.source_radius > 0):
+            at = max(self.source_radius, 1e-6 * self.radii[i])
+            x = k * at
+            c = self.power * _i(degree, x) * _k(degree, x) * np.exp(-x) / (4 * np.pi * self.D[i] * at)
+            below, above = _bessel(degree, k, r, at, "i"), _bessel(degree, k, r, at, "k")
+            own = own + c * np.where(r > at, above[0], below[0])
+            slope = c * np.where(r > at, above[1], below[1])
+        return np.array([i_l[0], k_l[0], own]), self.D[i] * np.array([i_l[1], k_l[1], slope])
+
+    def coefficients(self, degree: int) -> np.ndarray:
+        """Of i_l and k_l in each layer, (n, 2); the second of the innermost is 0."""
+        n = len(self.radii)
+        rows, right = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
+        rows[0, 1] = 1
+        for i, r in enumerate(self.radii[:-1]):
+            pairs = zip(self.terms(degree, i, r), self.terms(degree, i + 1, r), strict=True)
+            for row, (left, other) in zip((2 * i + 1, 2 * i + 2), pairs, strict=True):
+                rows[row, 2 * i : 2 * i + 4] = [left[0], left[1], -other[0], -other[1]]
+                right[row] = other[2] - left[2]
+        value, slope = self.terms(degree, n - 1, self.radii[-1])
+        equation = value + 2 * self.A * slope
+        rows[-1, -2:], right[-1] = equation[:2], -equation[2]
+        return np.linalg.solve(rows, right).reshape(n, 2)
+
+    def __call__(self, r: Any, cos_gamma: Any = 1.0) -> np.ndarray:
+        """Fluence at radius r [mm] and at this cosine of the angle from the point source."""
+        from scipy.special import eval_legendre
+
+        r, cos_gamma = np.broadcast_arrays(np.asarray(r, float), np.asarray(cos_gamma, float))
+        r = np.maximum(r, 1e-6 * self.radii[-1])
+        layer = np.minimum(np.searchsorted(self.radii, r), len(self.radii) - 1)
+        out = np.array((self.q0 / self.sigma_a)[layer])
+        for degree in range(self.highest + 1):
+            c, legendre = self.coefficients(degree), eval_legendre(degree, cos_gamma)
+            for i in range(len(self.radii)):
+                m = layer == i
+                i_l, k_l, _ = self.terms(degree, i, r[m])[0]
+                out[m] += (c[i, 0] * i_l + (c[i, 1] * k_l if i else 0)) * legendre[m]
+        if self.power:  # the singular part as it stands, not as its slowly converging series
+            m, i, s = layer == self.home, self.home, self.source_radius
+            apart = np.sqrt(r[m] ** 2 + s**2 - 2 * r[m] * s * cos_gamma[m])
+            out[m] += self.power * np.exp(-self.k[i] * apart) / (4 * np.pi * self.D[i] * apart)
+        return out
+
+
 def sphere(
     radii: Any,
     sigma_a: Any,
@@ -58,7 +142,7 @@ def sphere(
     power: float = 0.0,
     source_radius: float = 0.0,
     degrees: int = 80,
-) -> Fluence:
+) -> Layers:
     """Concentric layers with a uniform source in each and a point source anywhere.
 
     Parameters
@@ -87,72 +171,14 @@ def sphere(
     tissue": the Green's function of the sphere; layers by continuity of phi and J.
     """
     radii = np.atleast_1d(np.asarray(radii, float))
-    n = len(radii)
     sigma_a, sigma_tr, q0 = (
-        np.broadcast_to(np.asarray(v, float), (n,)) for v in (sigma_a, np.add(sigma_a, sigma_s_prime), q0)
+        np.broadcast_to(np.asarray(v, float), radii.shape) for v in (sigma_a, np.add(sigma_a, sigma_s_prime), q0)
     )
     if sigma_a.min() <= 0:
         raise InputError("sigma_a: must be above 0 in every layer of this solution")
     D = 1 / (3 * sigma_tr)
-    k = np.sqrt(sigma_a / D)
-    home = int(np.searchsorted(radii, source_radius))
-    at = max(source_radius, 1e-6 * radii[home])
-
-    def terms(degree: int, i: int, r: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Value and D times derivative of the two solutions of layer i and of its source: (3, ...) each."""
-        r = np.asarray(r, float)
-        inner = radii[max(i - 1, 0)]
-        parts = [_bessel(degree, k[i], r, radii[i], "i"), _bessel(degree, k[i], r, inner, "k")]
-        source = np.full(r.shape, q0[i] / sigma_a[i] if degree == 0 else 0.0), np.zeros(r.shape)
-        if i == home and power and (degree == 0 or source_radius > 0):
-            x, outside = k[i] * at, r > at
-            c = power * _i(degree, x) * _k(degree, x) * np.exp(-x) / (4 * np.pi * D[i] * at)
-            below, above = _bessel(degree, k[i], r, at, "i"), _bessel(degree, k[i], r, at, "k")
-            source = (
-                source[0] + c * np.where(outside, above[0], below[0]),
-                c * np.where(outside, above[1], below[1]),
-            )
-        parts.append(source)
-        return np.array([p[0] for p in parts]), D[i] * np.array([p[1] for p in parts])
-
-    def coefficients(degree: int) -> np.ndarray:
-        """Of i_l and k_l in each layer, (n, 2); the second of the innermost is 0."""
-        rows, right = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
-        rows[0, 1] = 1
-        for i in range(n - 1):
-            pairs = zip(terms(degree, i, radii[i]), terms(degree, i + 1, radii[i]), strict=True)
-            for row, (left, other) in zip((2 * i + 1, 2 * i + 2), pairs, strict=True):
-                rows[row, 2 * i : 2 * i + 4] = [left[0], left[1], -other[0], -other[1]]
-                right[row] = other[2] - left[2]
-        value, slope = terms(degree, n - 1, radii[-1])
-        rows[-1, -2:], right[-1] = (value + 2 * fresnel_A * slope)[:2], -(value + 2 * fresnel_A * slope)[2]
-        return np.linalg.solve(rows, right).reshape(n, 2)
-
     highest = degrees if power and source_radius > 0 else 0
-    solved = [coefficients(degree) for degree in range(highest + 1)]
-
-    def phi(r: Any, cos_gamma: Any = 1.0) -> np.ndarray:
-        from scipy.special import eval_legendre
-
-        r, cos_gamma = np.broadcast_arrays(np.asarray(r, float), np.asarray(cos_gamma, float))
-        r = np.maximum(r, 1e-6 * radii[-1])
-        out = np.zeros(r.shape)
-        layer = np.minimum(np.searchsorted(radii, r), n - 1)
-        for i in range(n):
-            m = layer == i
-            for degree, c in enumerate(solved):
-                value = terms(degree, i, r[m])[0]
-                regular = (
-                    c[i, 0] * value[0] + (c[i, 1] * value[1] if i else 0) + (degree == 0) * q0[i] / sigma_a[i]
-                )
-                out[m] += regular * eval_legendre(degree, cos_gamma[m])
-        m = layer == home
-        apart = np.sqrt(r[m] ** 2 + source_radius**2 - 2 * r[m] * source_radius * cos_gamma[m])
-        if power:  # the singular part as it stands, not as its slowly converging series
-            out[m] += power * np.exp(-k[home] * apart) / (4 * np.pi * D[home] * apart)
-        return out
-
-    return phi
+    return Layers(radii, sigma_a, D, np.sqrt(sigma_a / D), q0, fresnel_A, power, source_radius, highest)
 
 
 def sphere_beam(
@@ -189,7 +215,6 @@ def sphere_beam(
         raise InputError("sigma_a: must be above 0 in this solution")
     sigma_tr = sigma_a + sigma_s_prime
     D = 1 / (3 * sigma_tr)
-    k = np.sqrt(sigma_a / D)
     edges = radius * np.maximum(1 - np.linspace(1, 0, 241) ** 2, 5e-3)  # graded towards the surface
     node, weight = np.polynomial.legendre.leggauss(4)
     half = np.diff(edges)[:, None] / 2
@@ -203,20 +228,11 @@ def sphere_beam(
     values, slopes = np.empty((2, degrees + 1, len(edges)))
     for degree in range(degrees + 1):
         q_l = (2 * degree + 1) / 2 * (q @ (dmu * eval_legendre(degree, mu))) * r**2 * weight * half
-
-        def green(x: Any, degree: int = degree) -> tuple[np.ndarray, ...]:
-            u, du = _bessel(degree, k, x, radius, "i")
-            w, dw = _bessel(degree, k, x, radius, "k")
-            ends = [_bessel(degree, k, radius, radius, kind)[1] for kind in "ik"]
-            gamma = -(1 + 2 * fresnel_A * D * ends[1]) / (1 + 2 * fresnel_A * D * ends[0])
-            return u, du, w + gamma * u, dw + gamma * du
-
-        u, _, w, _ = green(r)
+        u, _, w, _ = _green(degree, D, sigma_a, fresnel_A, radius, r)
         below = np.concatenate([[0.0], np.cumsum((u * q_l).sum(axis=1))])
-        above = (w * q_l).sum(axis=1)
-        above = np.concatenate([np.cumsum(above[::-1])[::-1], [0.0]])
-        u, du, w, dw = green(edges)
-        wronskian = edges[-1] ** 2 * (du[-1] * w[-1] - u[-1] * dw[-1])
+        above = np.concatenate([np.cumsum((w * q_l).sum(axis=1)[::-1])[::-1], [0.0]])
+        u, du, w, dw = _green(degree, D, sigma_a, fresnel_A, radius, edges)
+        wronskian = radius**2 * (du[-1] * w[-1] - u[-1] * dw[-1])
         values[degree] = (w * below + u * above) / (D * wronskian)
         slopes[degree] = (dw * below + du * above) / (D * wronskian)
     spline = CubicHermiteSpline(edges, values, slopes, axis=1)
@@ -227,3 +243,15 @@ def sphere_beam(
         return np.sum(spline(np.clip(at, edges[0], radius)) * polynomials, axis=0)
 
     return phi
+
+
+def _green(
+    degree: int, D: float, sigma_a: float, A: float, radius: float, r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Solution u, regular at the centre, and its slope; w, with w + 2 A D w' = 0 at the surface, and its."""
+    k = np.sqrt(sigma_a / D)
+    u, du = _bessel(degree, k, r, radius, "i")
+    w, dw = _bessel(degree, k, r, radius, "k")
+    ends = [_bessel(degree, k, radius, radius, kind)[1] for kind in "ik"]
+    gamma = -(1 + 2 * A * D * ends[1]) / (1 + 2 * A * D * ends[0])
+    return u, du, w + gamma * u, dw + gamma * du
