@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import os
 import re
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -133,6 +134,7 @@ class Buffer:
 
         out = np.empty(self.shape, self.dtype)
         if out.size:
+            self.device.finish()
             cl.enqueue_copy(self.device.queue, out, self.data)
         return out
 
@@ -302,8 +304,17 @@ class Device:
         return make(*out)
 
     def finish(self) -> None:
-        """Wait until everything enqueued is done."""
-        self.queue.finish()
+        """Wait until everything enqueued is done, awake to Ctrl-C: OpenCL's own waits are not."""
+        import pyopencl as cl
+
+        last = cl.enqueue_marker(self.queue)
+        self.queue.flush()
+        pause = 0.0
+        while (status := last.command_execution_status) > cl.command_execution_status.COMPLETE:
+            time.sleep(pause)
+            pause = min(pause + 2e-5, 2e-3)
+        if status < 0:
+            raise DeviceError(f"OpenCL device {self.name} failed while it computed (error {status})")
 
 
 os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # PoCL and GPU drivers cache builds themselves

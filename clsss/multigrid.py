@@ -20,7 +20,7 @@ from clsss.diffusion import CHANNELS, Field, Operator, Residual, channels
 
 SWEEPS = 2
 PARTIAL_SUMS = 1024
-DEPTH = 2  # cycles that Anderson acceleration looks back on
+DEPTH = 3  # cycles that Anderson acceleration looks back on
 SLOW = 0.25  # a plain cycle that reduces the residual less is accelerated
 STALL = 4  # cycles without a tenth less residual end a solve: rounding allows no more
 MOVING = 10.0  # tolerance of a follower's state over that of the residual
