@@ -205,7 +205,7 @@ def _sampled(medium: Medium, low: np.ndarray, high: np.ndarray) -> tuple[np.ndar
 
 def launches(total: int, progress: Callable[[str, float], None] | None, block: int = 1) -> Iterator[tuple[int, int]]:
     """Start and size of launches of about `LAUNCH_SECONDS`, in whole blocks: Ctrl-C works in between."""
-    start, count = 0, -(-1024 // block) * block
+    start, count = 0, -(-64 // block) * block
     while start < total:
         count = min(count, total - start)
         began = time.perf_counter()

@@ -13,14 +13,13 @@
 
 #define BLOCK 8 /* mean free paths at the majorant between two looks for the surface */
 
-/* Share of light that reaches `o` along `d` over `reach`, estimated without bias.
+/* Share of light that reaches `o`, inside `count` bodies, along `d` over `reach`, estimated without bias.
  * Beyond the first two mean free paths it is a matter of chance whether a ray goes on: deep inside, most
  * collisions cannot be reached, and finding that out should cost little. */
 REAL transmittance(const Surface s, const Medium m, Random *restrict random, const REAL3 o, const REAL3 d,
-                   const REAL reach, const int reenter) {
+                   const REAL reach, int count, const int reenter) {
     const Ray ray = {o, d, -1};
     Hit last = {0, -1, 0};
-    int count = 1;
     REAL share = 1, depth = 0;
     const REAL limit = 2 - log(1 - uniform4(random).x);
     for (int step = 0; step < 10000; step++) {
@@ -98,7 +97,7 @@ __kernel void paths(const int n, const int first_path, const int offset, const i
         const REAL distance = length(to);
         const REAL reach = light[l].w > 0 ? distance : INFINITY;
         const REAL E = strength[l * n_channels + c] / (light[l].w > 0 ? distance * distance : 1);
-        const REAL seen = transmittance(s, m, &random, ray.origin, to / distance, reach, reenter);
+        const REAL seen = transmittance(s, m, &random, ray.origin, to / distance, reach, count, reenter);
         const REAL scattered = weight * phase(g, dot(to, ray.direction) / distance) * E * seen;
         total += scattered;
         if (order++ == 0) single = scattered;

@@ -239,6 +239,20 @@ def test_light_crosses_a_cavity():
     assert lit.lost < 1e-4
 
 
+@pytest.mark.parametrize("forward", [False, True])
+def test_overlapping_bodies_are_one(forward):
+    one = trimesh.creation.icosphere(3, 3.0)
+    other = one.copy().apply_translation((0, 0, 3.0))
+    both = load_mesh(trimesh.util.concatenate([one, other]))
+    union = load_mesh(trimesh.boolean.union([one, other], engine="manifold"))
+    points = union.vertices[np.abs(union.vertices[:, 2] - 1.5) > 0.3][::20]
+    light = [DirectionalLight((1, 0, -1))]
+    a, b = (estimate(m, Material(0.01, 1.0), light, 300, points, forward=forward, radius=0.5) for m in (both, union))
+    noise = np.sqrt(np.sum(a.stderr[:, 0] ** 2 + b.stderr[:, 0] ** 2))
+    assert np.sum(a.radiosity[:, 0]) == pytest.approx(np.sum(b.radiosity[:, 0]), abs=3.5 * noise)
+    assert noise < 0.05 * np.sum(b.radiosity[:, 0])
+
+
 def test_open_mesh_reports_what_slips_out():
     mesh = triangles_of(ball().triangles[100:])
     e = estimate(mesh, Material(0.01, 1.0), [DOWN], 50, mesh.triangles[::200].mean(axis=1))
