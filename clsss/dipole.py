@@ -25,6 +25,7 @@ from clsss.refine import areas, refine
 
 SKY_BEAMS = 256
 SPACING = 0.5  # of a transport mean free path: longest edge of a sample's triangle
+SHADOW = 0.005  # of the mesh's size: shadows need no finer samples
 SOLID_ANGLE = 0.02  # [sr] up to which a group of samples counts as one
 LAUNCH_PAIRS = 2e7  # keeps a launch short enough to be stopped
 
@@ -190,12 +191,13 @@ def dipole(
     if not material.homogeneous:
         raise InputError("material: the dipole needs the same coefficients everywhere; use a Material")
     sigma, *both = poles(material, model)
-    pieces, _ = refine(mesh.triangles, SPACING / material.sigma_tr.max())
-    normals = np.cross(*np.diff(pieces, axis=1).transpose(1, 0, 2))
+    spacing = SPACING / material.sigma_tr.max()
+    coarse, _ = refine(mesh.triangles, max(spacing, SHADOW * mesh.size))
+    normals = np.cross(*np.diff(coarse, axis=1).transpose(1, 0, 2))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    places = pieces.mean(axis=1)
-    lit = entering(mesh, places, normals, material.eta, lights, progress)
-    area = areas(pieces)
+    lit = entering(mesh, coarse.mean(axis=1), normals, material.eta, lights, progress)
+    pieces, parent = refine(coarse, spacing)
+    places, area, lit = pieces.mean(axis=1), areas(pieces), lit[parent]
     device = device or Device(precision="single")
     columns = [v for p in both for v in (p.depth, p.strength, p.offset)]
     shape = [device.vector(v) for v in (sigma, *columns)]
@@ -252,8 +254,7 @@ def _tree(
     own = np.stack([tree.start, np.where(tree.leaf, tree.end, tree.start)], axis=1).astype(np.int32)
     extent = np.stack([tree.half_diagonal, whole], axis=1)
     arrays = [
-        device.array(v)
-        for v in (tree.skip, own, extent, _four(centre), _four(places), _four(power), _four(total))
+        device.array(v) for v in (tree.skip, own, extent, _four(centre), _four(places), _four(power), _four(total))
     ]
     kernel = device.kernel("dipole", "gather_tree")
 

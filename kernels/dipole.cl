@@ -16,9 +16,9 @@ REAL4 profile(const REAL r2, const Pole p) {
 }
 
 // cost gather: 8R B, 60 flop per sample
-__kernel void gather(const int n, const int n_samples, const REAL4 sigma, const REAL4 real_depth, const REAL4 real_strength,
-                     const REAL4 real_offset, const REAL4 virtual_depth, const REAL4 virtual_strength,
-                     const REAL4 virtual_offset, __global const REAL4 *restrict place,
+__kernel void gather(const int n, const int n_samples, const REAL4 sigma, const REAL4 real_depth,
+                     const REAL4 real_strength, const REAL4 real_offset, const REAL4 virtual_depth,
+                     const REAL4 virtual_strength, const REAL4 virtual_offset, __global const REAL4 *restrict place,
                      __global const REAL4 *restrict power, __global const REAL4 *restrict point,
                      __global REAL4 *restrict radiosity) {
     const int i = get_global_id(0);

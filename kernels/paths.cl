@@ -28,9 +28,10 @@ REAL transmittance(const Surface s, const Medium m, Random *restrict random, con
 #else
         const REAL end = count > 0 ? last.t + (limit - depth) / m.majorant : INFINITY;
 #endif
-        Hit hit = next_hit(s, ray, last, fmin(end, reach));
+        const Hit hit = next_hit(s, ray, last, fmin(end, reach));
 #ifdef HETEROGENEOUS
-        for (REAL t = last.t + flight(m, uniform4(random).x); count > 0 && t < hit.t; t += flight(m, uniform4(random).x)) {
+        REAL t = last.t;
+        while (count > 0 && (t += flight(m, uniform4(random).x)) < hit.t) {
             const REAL2 sigma = coefficients(m, o + t * d);
             share *= fmax((REAL)0, 1 - (sigma.x + sigma.y) / m.majorant);
             if (share < (REAL)0.1) {

@@ -80,15 +80,14 @@ __kernel void photons(const int n, const int first_photon, const int n_channels,
         u = uniform4(&random);
         if (boundary) {
             const int out = count > 0;
-            if (!out && last.out > 0) { end = LOST; break; }
             if (!out && entered && !reenter) break;
             met = true;
+            if (!out && last.out > 0) { end = LOST; break; }
             const REAL3 normal = face_normal(s, last.id) * (REAL)(out ? 1 : -1); /* along the photon */
             const REAL ratio = out ? eta : 1 / eta, cosine = fmin((REAL)1, dot(ray.direction, normal));
             REAL beyond;
             const bool reflects = u.x < reflectance(cosine, ratio, &beyond);
-            ray.origin = at;
-            ray.skip = last.id;
+            ray = (Ray){at, ray.direction, last.id};
             if (reflects) {
                 ray.direction = normalize(ray.direction - 2 * cosine * normal);
                 continue;
@@ -100,8 +99,7 @@ __kernel void photons(const int n, const int first_photon, const int n_channels,
                 add(scores, (c * n_bins + bin[last.id]) * 2 + (order > 1), weight);
             continue;
         }
-        ray.origin = at;
-        ray.skip = -1;
+        ray = (Ray){at, ray.direction, -1};
         if (distance(at, sphere.xyz) > (REAL)1.01 * sphere.w) { end = LOST; break; }
         const REAL2 sigma = coefficients(m, at);
         if (u.x * m.majorant >= sigma.x + sigma.y) continue;

@@ -14,7 +14,8 @@ REAL4 uniform4(Random *restrict r) {
         k += (uint2)(0x9E3779B9u, 0xBB67AE85u);
     }
     r->counter.w++;
-    return (REAL4)((REAL)(c.x >> 8), (REAL)(c.y >> 8), (REAL)(c.z >> 8), (REAL)(c.w >> 8)) * (REAL)5.9604644775390625e-8;
+    const uint4 high24 = c >> 8;
+    return (REAL4)(high24.x, high24.y, high24.z, high24.w) * (REAL)5.9604644775390625e-8;
 }
 
 /* Unit vector at cosine `mu` and azimuth 2 pi u from the unit vector `axis` (frame of Duff et al. 2017). */

@@ -17,7 +17,8 @@ typedef struct { REAL3 origin, direction; int skip; } Ray; /* skip: the triangle
 typedef struct { REAL t; int id, out; } Hit; /* out: 1 where the ray leaves the solid, -1 where it enters */
 
 /* Distance at which the ray enters a box, or INFINITY. */
-REAL enter(__global const REAL *restrict box, const REAL3 origin, const REAL3 inverse, const REAL after, const REAL reach) {
+REAL enter(__global const REAL *restrict box, const REAL3 origin, const REAL3 inverse, const REAL after,
+           const REAL reach) {
     const REAL3 a = (vload3(0, box) - origin) * inverse, b = (vload3(1, box) - origin) * inverse;
     const REAL3 low = fmin(a, b), high = fmax(a, b);
     const REAL t0 = fmax(fmax(low.x, low.y), fmax(low.z, after)), t1 = fmin(fmin(high.x, high.y), fmin(high.z, reach));
