@@ -140,14 +140,14 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     absorb = [device.empty((level.n, CHANNELS)) for level in octree.levels]
     finest = octree.finest
     kernel = device.kernel("coefficients", "finest_coefficients", *defines)
-    device.run(kernel, finest.n, finest.n, finest.h, A, medium.D[-1], medium.sigma_a[-1], finest.nbr,
-               octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid,
+    device.run(kernel, finest.n, finest.n, finest.h, A, medium.D[-1], medium.D[-2], medium.sigma_a[-1], finest.nbr,
+               finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid,
                T[-1], absorb[-1])  # fmt: skip
     kernel = device.kernel("coefficients", "coarse_coefficients", *defines)
     for k in range(len(T) - 2, -1, -1):
         level = octree.levels[k]
-        device.run(kernel, level.n, level.n, level.h, medium.D[k], medium.sigma_a[k], level.nbr, level.is_leaf,
-                   level.child, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
+        device.run(kernel, level.n, level.n, level.h, medium.D[k], medium.D[max(k - 1, 0)], medium.sigma_a[k], level.nbr,
+                   level.parent, level.is_leaf, level.child, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
     kernel = device.kernel("coefficients", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
     for level, t in zip(octree.levels[1:], T[1:], strict=True):

@@ -129,7 +129,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         samples = cutcell.sample_surface(dev, grid, mesh)
         dev.finish()
     with timed("octree", seconds, tell):
-        tree = octree.build(dev, grid, samples, adaptive)
+        tree = octree.build(dev, grid, samples, _criteria(medium) if adaptive else None)
         del samples
         if tree.n_leaves == 0:
             raise InputError(
@@ -203,6 +203,14 @@ def _report(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict
             "peak_rss": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10,
         },
     }
+
+
+def _criteria(medium: Any) -> octree.Refine:
+    def sigma_tr(points: np.ndarray) -> np.ndarray:
+        sigma_a, sigma_s = medium.coefficients(points)
+        return sigma_a + (1 - medium.g) * sigma_s
+
+    return octree.varies(sigma_tr, medium.homogeneous)
 
 
 def _checked(lights: Sequence[Any]) -> tuple[Any, ...]:

@@ -9,18 +9,18 @@
 #include "face.h"
 #include "conductance.h"
 
-/* Faces to coarser leaves span 3h/2, from half a fine cell to half a coarse one. */
-COND across(const REAL area, const REAL d_i, const REAL d_j, MEDIUM D, const int i, const int j) {
+COND across(const REAL area, const REAL d_i, const REAL d_j, const REAL4 D_i, const REAL4 D_j) {
 #ifdef HETEROGENEOUS
-    return area / (d_i / D[i] + d_j / D[j]);
+    return area / (d_i / D_i + d_j / D_j);
 #else
     return area / (d_i + d_j);
 #endif
 }
 
 // cost finest_coefficients: 35R+28 B, 120 flop
-__kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM sigma_a,
-                                  __global const int *restrict nbr, __global const int *restrict cut_index,
+__kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM D_coarse,
+                                  MEDIUM sigma_a, __global const int *restrict nbr, __global const int *restrict parent,
+                                  __global const int *restrict cut_index,
                                   __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                                   __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
                                   __global const REAL2 *restrict face_centroid, __global COND *restrict T,
@@ -33,11 +33,11 @@ __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_
         if (j == i) {
             T[6 * i + f] = 0;
         } else if (j >= n) {
-            T[6 * i + f] = across(h * h, h / 2, h, D, i, j);
+            T[6 * i + f] = across(h * h, h / 2, h, AT(D, i), AT(D_coarse, parent[j]));
         } else {
             const int other = cut_index[j], up = f & 1;
             const Face face = face_between(f >> 1, up ? cut : other, up ? other : cut, centroid, aperture, face_centroid);
-            T[6 * i + f] = across(face.area * h * h, face.delta * h / 2, face.delta * h / 2, D, i, j);
+            T[6 * i + f] = across(face.area * h * h, face.delta * h / 2, face.delta * h / 2, AT(D, i), AT(D, j));
         }
     }
     REAL4 sink = AT(sigma_a, i) * (cell_centroid(cut, centroid).w * h * h * h);
@@ -59,8 +59,9 @@ COND sum_side(const int i, const int f, const int side, __global const int *rest
 }
 
 // cost coarse_coefficients: 60R+60 B, 80 flop
-__kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM sigma_a,
-                                  __global const int *restrict nbr, __global const uchar *restrict is_leaf,
+__kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_coarse, MEDIUM sigma_a,
+                                  __global const int *restrict nbr, __global const int *restrict parent,
+                                  __global const uchar *restrict is_leaf,
                                   __global const int *restrict child, __global const COND *restrict T_fine,
                                   __global const REAL4 *restrict absorb_fine, __global COND *restrict T,
                                   __global REAL4 *restrict absorb) {
@@ -70,8 +71,8 @@ __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM si
         const int j = nbr[6 * i + f];
         COND t = 0;
         if (j == i) t = 0;
-        else if (j >= n) t = across(h * h, h / 2, h, D, i, j);
-        else if (is_leaf[i] && is_leaf[j]) t = across(h * h, h / 2, h / 2, D, i, j);
+        else if (j >= n) t = across(h * h, h / 2, h, AT(D, i), AT(D_coarse, parent[j]));
+        else if (is_leaf[i] && is_leaf[j]) t = across(h * h, h / 2, h / 2, AT(D, i), AT(D, j));
         else if (is_leaf[i]) t = (REAL)0.75 * sum_side(j, f ^ 1, !(f & 1), child, T_fine);
         else t = (is_leaf[j] ? (REAL)0.75 : (REAL)0.5) * sum_side(i, f, f & 1, child, T_fine);
         T[6 * i + f] = t;
