@@ -9,7 +9,8 @@ import numpy as np
 import trimesh
 
 from clsss import cutcell, diffusion, octree, source
-from clsss.device import Buffer, Device
+from clsss.device import Device
+from clsss.diffusion import Field
 from clsss.materials import fresnel_A
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
@@ -59,10 +60,15 @@ def hollow_sphere(radius: float = 10.0, cavity: float = 5.0) -> Mesh:
 ROTATION = trimesh.transformations.euler_matrix(0.4, 0.7, 1.1)[:3, :3]
 
 
-def build_tree(device: Device, mesh: Mesh, resolution: int, **options: Any) -> octree.Octree:
-    """The octree of a solid at a resolution."""
+def merge_all(centres: np.ndarray, h: float, depth: np.ndarray) -> np.ndarray:
+    """A criterion that no cell is too wide for: only the layers below the surface stay fine."""
+    return np.zeros(len(centres), bool)
+
+
+def build_tree(device: Device, mesh: Mesh, resolution: int, refine: octree.Refine | None = merge_all) -> octree.Octree:
+    """The octree of a solid at a resolution; `refine` None leaves all cells on the finest level."""
     grid = cutcell.make_grid(mesh.bounds, resolution)
-    return octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), **options)
+    return octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
 
 
 def build_operator(device: Device, tree: octree.Octree, medium: Any) -> diffusion.Operator:
@@ -72,12 +78,7 @@ def build_operator(device: Device, tree: octree.Octree, medium: Any) -> diffusio
     )
 
 
-def fields(device: Device, tree: octree.Octree, ghosts: bool = False) -> list[Buffer]:
-    """One field of zeros (n, 4), or (n + n_ghost, 4), on every level."""
-    return [device.zeros((level.n + ghosts * level.n_ghost, 4)) for level in tree.levels]
-
-
-def set_field(tree: octree.Octree, phi: list[Buffer], function: Any) -> None:
+def set_field(tree: octree.Octree, phi: Field, function: Any) -> None:
     """Set a field (its leaves; ghosts and covered cells follow) to a function of points (n, 3) -> (n,)."""
     for points, level, x in zip(diffusion.cell_points(tree), tree.levels, phi, strict=True):
         values = np.zeros(x.shape)
@@ -91,7 +92,7 @@ class Solved:
 
     tree: octree.Octree
     convergence: Convergence
-    phi: list[Buffer]
+    phi: Field
     phi_B: np.ndarray
 
     def leaves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -115,8 +116,7 @@ def solve(device: Device, mesh: Mesh, medium: Any, lights: list[Any], resolution
     tree = build_tree(device, mesh, resolution, **options)
     op = build_operator(device, tree, medium)
     src = source.make_source(device, tree, op.medium, lights, 1.0)
-    source.subtract_moment(device, tree, op.medium, src.moment, src.b[-1])
-    phi = fields(device, tree, ghosts=True)
+    phi = Field(device, tree)
     multigrid = Multigrid(device, op)
     convergence = multigrid.solve(src.b, phi, tolerance)
     phi_B = multigrid.residual.boundary_value(phi, src.moment).get()[:, :3].astype(float)

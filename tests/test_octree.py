@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import ndimage
-from shapes import ROTATION, box, box_triangles, build_tree, hollow_sphere, solid, sphere, sphere_triangles, torus
+from shapes import ROTATION, box, box_triangles, build_tree, hollow_sphere, merge_all, solid, sphere, sphere_triangles, torus
 
 from clsss import diffusion
 
@@ -173,22 +173,22 @@ def test_cut_index_and_cut_cells_are_inverse(tree):
     ],
     ids=["sphere", "torus", "hollow", "plate", "bodies"],
 )
-@pytest.mark.parametrize("adaptive", [True, False])
-def test_leaves_tile_the_object(single, make, expected, resolution, accuracy, adaptive):
-    tree = build_tree(single, make(), resolution, adaptive=adaptive)
+@pytest.mark.parametrize("refine", [merge_all, None], ids=["merged", "uniform"])
+def test_leaves_tile_the_object(single, make, expected, resolution, accuracy, refine):
+    tree = build_tree(single, make(), resolution, refine)
     volume = sum(v[level.leaf].sum() for level, v in zip(tree.levels, tree.volumes(), strict=True))
     assert volume == pytest.approx(expected, rel=accuracy)
 
 
 def test_without_adaption_all_leaves_are_finest(single):
-    tree = build_tree(single, sphere(), 32, adaptive=False)
+    tree = build_tree(single, sphere(), 32, refine=None)
     assert not any(level.leaf.any() for level in tree.levels[:-1])
     assert tree.n_leaves == tree.finest.n
     assert all(level.n_ghost == 0 for level in tree.levels)
 
 
 def test_merging_saves_cells_and_keeps_cut_cells(single):
-    merged, uniform = (build_tree(single, sphere(), 64, adaptive=adaptive) for adaptive in (True, False))
+    merged, uniform = (build_tree(single, sphere(), 64, refine) for refine in (merge_all, None))
     assert merged.n_leaves < uniform.n_leaves
     np.testing.assert_allclose(merged.cut.centroid.get(), uniform.cut.centroid.get())
 
@@ -197,12 +197,10 @@ def test_refinement_where_asked(single):
     """A criterion splits cells wherever they are; balance and bands still hold."""
     plain = build_tree(single, sphere(), 64)
 
-    def at_centre(level, cells):
-        out = np.zeros(cells.shape, bool)
-        out[tuple(n // 2 for n in cells.shape)] = True
-        return out
+    def at_centre(centres, h, depth):
+        return (np.abs(centres) <= h / 2).all(axis=1)
 
-    refined = build_tree(single, sphere(), 64, refine=at_centre)
+    refined = build_tree(single, sphere(), 64, at_centre)
     assert refined.find(np.zeros((1, 3)))[0][0] < plain.find(np.zeros((1, 3)))[0][0]
     test_neighbouring_leaves_differ_by_one_level_at_most(refined)
     test_bands_are_two_cells_wide(refined)

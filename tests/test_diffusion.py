@@ -1,0 +1,342 @@
+"""The discrete diffusion equation: exact for what it should be exact for, conservative, and of order two."""
+
+from __future__ import annotations
+
+import cases
+import numpy as np
+import pytest
+from shapes import ROTATION, box, build_operator, build_tree, relative_rms, set_field, solve, sphere, torus
+
+from clsss import diffusion
+from clsss.diffusion import Field, Residual
+from clsss.lights import Emission
+from clsss.materials import Material, fresnel_A
+from clsss.surface import boundary_points
+
+MATERIAL = Material(sigma_a=0.1, sigma_s=0.9, eta=1.3)
+CLEAR = Material(sigma_a=0.0, sigma_s=0.5, eta=1.37)
+
+
+class Wavy:
+    """A medium whose coefficients vary smoothly."""
+
+    g, eta, homogeneous = 0.2, 1.3, False
+
+    def coefficients(self, points):
+        wave = np.sin(points @ [[0.3], [0.5], [-0.2]])
+        return 0.05 * (1.5 + wave) * [1, 2, 3], (1.0 + 0.5 * wave) * [3, 2, 1]
+
+
+MEDIA = [MATERIAL, Wavy()]
+BOTH = pytest.mark.parametrize("medium", MEDIA, ids=["homogeneous", "heterogeneous"])
+
+
+def scale_of(medium, points):
+    """What the operator multiplies the equation by: 1/D in a homogeneous medium."""
+    if not medium.homogeneous:
+        return np.ones((len(points), 3))
+    return np.tile(1 / medium.D, (len(points), 1))
+
+
+@BOTH
+@pytest.mark.parametrize("make", [sphere, torus])
+def test_two_point_part_is_symmetric(device, make, medium):
+    """The flux from i to j is minus that from j to i, on every level."""
+    tree = build_tree(device, make(), 24)
+    op = build_operator(device, tree, medium)
+    for level, T in zip(tree.levels, op.T, strict=True):
+        T, nbr, own = T.get(), level.nbr.get(), np.arange(level.n)
+        for face in range(6):
+            j = nbr[:, face]
+            same = (j < level.n) & (j != own)
+            np.testing.assert_allclose(T[own[same], face], T[j[same], face ^ 1], rtol=8 * np.finfo(T.dtype).eps)
+            assert not T[own[j == own], face].any()
+        assert T.min() >= 0
+
+
+@BOTH
+def test_coefficients_are_positive(device, medium):
+    op = build_operator(device, build_tree(device, sphere(), 24), medium)
+    assert all((absorb.get() > 0).all() for absorb in op.absorb)
+
+
+def test_absorption_adds_up_on_coarser_levels(double):
+    tree = build_tree(double, sphere(), 32)
+    op = build_operator(double, tree, MATERIAL)
+    total = op.absorb[-1].get()
+    for k in range(len(tree.levels) - 2, -1, -1):
+        level = tree.levels[k]
+        parent = tree.levels[k + 1].parent.get()[: tree.levels[k + 1].n]
+        expected = np.zeros((level.n, 4))
+        np.add.at(expected, parent, total)
+        expected[level.leaf] = op.absorb[k].get()[level.leaf]
+        np.testing.assert_allclose(op.absorb[k].get(), expected, rtol=1e-12)
+        total = expected
+
+
+@BOTH
+def test_residual_conserves(double, medium):
+    """Summed over all leaves only the source, the absorption and the flux through the surface are left.
+
+    The field is random: faces between cells, cut or full, of one level or two, must cancel one by one.
+    """
+    tree = build_tree(double, sphere(), 40)
+    assert sum(level.leaf.any() for level in tree.levels) > 1
+    op = build_operator(double, tree, medium)
+    residual = Residual(double, op)
+    rng = np.random.default_rng(5)
+    phi, b, r = (Field(double, tree) for _ in range(3))
+    for x in phi:
+        x.set(rng.uniform(1, 2, x.shape))
+    residual(phi, b, r)
+    points, absorbed = diffusion.cell_points(tree), np.zeros(3)
+    for x, p, volume, level in zip(phi, points, tree.volumes(), tree.levels, strict=True):
+        sigma_a = medium.coefficients(p)[0] * scale_of(medium, p)
+        absorbed += (x.get()[: level.n, :3] * sigma_a * (volume * level.leaf)[:, None]).sum(axis=0)
+    phi_B = residual.boundary_value(phi, double.zeros((tree.cut.n, 4))).get()[:, :3]
+    area = tree.cut.boundary.get()[:, 3:] * tree.grid.h**2
+    at_cut = points[-1][tree.cut.cell.get()]
+    exited = (area * phi_B / (2 * fresnel_A(medium.eta)) * scale_of(medium, at_cut)).sum(axis=0)
+    total = sum(x.get()[: level.n, :3].sum(axis=0) for x, level in zip(r, tree.levels, strict=True))
+    np.testing.assert_allclose(total, -absorbed - exited, rtol=1e-11)
+
+
+@pytest.mark.parametrize("resolution", [24, 48])
+def test_linear_fields_are_exact_in_full_cells(double, resolution):
+    """Between full cells, of one level or of two, the flux of a linear field is constant: nothing is left over."""
+    tree = build_tree(double, sphere(), resolution)
+    op = build_operator(double, tree, CLEAR)
+    phi, b, r = (Field(double, tree) for _ in range(3))
+    slope = np.array([1.0, -2.0, 0.5])
+    set_field(tree, phi, lambda points: 3 + points @ slope)
+    Residual(double, op)(phi, b, r)
+    seen = 0
+    for level, x in zip(tree.levels, r, strict=True):
+        full = level.leaf.copy()
+        if level.depth == 0:
+            full[op.irregular.get()] = False
+        seen += full.sum()
+        np.testing.assert_allclose(x.get()[: level.n][full] / level.h**2, 0, atol=1e-11)
+    assert seen > 0.3 * tree.n_leaves
+
+
+def test_linear_fields_are_exact_in_cut_cells(double):
+    """At a plane the field phi = 2 A D + depth meets the boundary condition: nothing is left over, phi_B = 2 A D.
+
+    The plane is one side of a turned box, away from the others. Numbers from the scheme's own clamps (centroids
+    nearer than a quarter cell) may remain, in few cells.
+    """
+    tree = build_tree(double, box((20, 20, 12), ROTATION), 48)
+    op = build_operator(double, tree, CLEAR)
+    residual, n = Residual(double, op), ROTATION[:, 2]
+    phi, b, r = (Field(double, tree) for _ in range(3))
+    drop = 2 * fresnel_A(CLEAR.eta) * CLEAR.D[0]
+    set_field(tree, phi, lambda points: drop + 6 - points @ n)
+    residual(phi, b, r)
+    points, normals = boundary_points(tree)
+    local = points @ ROTATION
+    chosen = (np.abs(local[:, :2]) < 10 - 4 * tree.grid.h).all(axis=1) & (normals @ n > 0.99)
+    assert chosen.sum() > 300
+    left = np.abs(r[-1].get()[tree.cut.cell.get()[chosen], 0]) / tree.grid.h**2
+    assert np.median(left) <= 1e-12
+    assert left.max() <= 1e-4
+    phi_B = residual.boundary_value(phi, double.zeros((tree.cut.n, 4))).get()[chosen, 0]
+    np.testing.assert_allclose(phi_B, drop, rtol=1e-9)
+
+
+class Dense:
+    """The scheme written down with numpy, cell by cell, for a solid all of whose cells are on the finest level."""
+
+    def __init__(self, tree, medium):
+        self.h, self.ijk, self.A = tree.grid.h, tree.finest.ijk, fresnel_A(medium.eta)
+        self.index = {tuple(p): i for i, p in enumerate(self.ijk)}
+        n, cut = len(self.ijk), tree.cut.cell.get()
+        self.centroid, self.kappa = np.full((n, 3), 0.5), np.ones(n)
+        self.centroid[cut], self.kappa[cut] = np.split(tree.cut.centroid.get(), [3], axis=1)[0], tree.cut.centroid.get()[:, 3]
+        self.cut = {int(cell): k for k, cell in enumerate(cut)}
+        self.boundary, self.normal = tree.cut.boundary.get(), tree.cut.normal.get()[:, :3]
+        self.normal = self.normal / np.linalg.norm(self.normal, axis=1, keepdims=True)
+        self.aperture, self.face_centroid = tree.cut.aperture.get(), tree.cut.face_centroid.get()
+        sigma_a, sigma_s = medium.coefficients(diffusion.cell_points(tree)[-1])
+        self.sigma_a = sigma_a[:, 0]
+        self.D = 1 / (3 * (sigma_a + (1 - medium.g) * sigma_s))[:, 0]
+
+    def gradient(self, phi, i):
+        """Weighted least squares over the 26 neighbours and the boundary condition, per cell width."""
+        if i not in self.cut:
+            return np.zeros(3)
+        rows, right, k = [], [], self.cut[i]
+        for step in np.ndindex(3, 3, 3):
+            j = self.index.get(tuple(self.ijk[i] + np.array(step) - 1))
+            if j is None or j == i:
+                continue
+            dx = self.centroid[j] + self.ijk[j] - self.centroid[i] - self.ijk[i]
+            weight = np.sqrt(self.kappa[j]) / max(dx @ dx, 0.05)
+            rows.append(weight * dx)
+            right.append(weight * (phi[j] - phi[i]))
+        offset = self.boundary[k, :3] - self.centroid[i]
+        D = self.D[i] / self.h
+        weight = min(self.boundary[k, 3], 1) / (D + np.linalg.norm(offset) / (2 * self.A))
+        rows.append(weight * (D * self.normal[k] + offset / (2 * self.A)))
+        right.append(-weight * phi[i] / (2 * self.A))
+        rows = np.array(rows)
+        return np.linalg.pinv(rows.T @ rows, rcond=1e-3, hermitian=True) @ (rows.T @ right)
+
+    def flux(self, phi, g, i, face):
+        """What leaves cell i through a face."""
+        axis, up = face >> 1, face & 1
+        step = np.zeros(3, int)
+        step[axis] = 2 * up - 1
+        j = self.index.get(tuple(self.ijk[i] + step))
+        if j is None:
+            return 0.0
+        area, c = 1.0, np.full(2, 0.5)
+        if i in self.cut and j in self.cut:
+            area, c = self.aperture[self.cut[i], face], self.face_centroid[self.cut[i], face]
+        x_f = np.insert(c, axis, up)
+        tau_i, tau_j = x_f - self.centroid[i], x_f - self.centroid[j] - step
+        tau_i[axis] = tau_j[axis] = 0
+        delta = max((self.centroid[j] - self.centroid[i] + step)[axis] * step[axis], 0.25) * self.h
+        T = area * self.h**2 / (delta / 2 / self.D[i] + delta / 2 / self.D[j])
+        return T * (phi[i] + g[i] @ tau_i - phi[j] - g[j] @ tau_j)
+
+    def residual(self, phi):
+        g = [self.gradient(phi, i) for i in range(len(phi))]
+        out = np.empty(len(phi))
+        for i in range(len(phi)):
+            out[i] = -sum(self.flux(phi, g, i, face) for face in range(6))
+            out[i] -= self.sigma_a[i] * self.kappa[i] * self.h**3 * phi[i]
+            if i in self.cut:
+                k = self.cut[i]
+                n, x_B = self.normal[k], self.boundary[k, :3]
+                d = max((x_B - self.centroid[i]) @ n, 0.05)
+                p = phi[i] + g[i] @ (x_B - d * n - self.centroid[i])
+                out[i] -= self.boundary[k, 3] * self.h**2 * p / (2 * self.A + d * self.h / self.D[i])
+        return out
+
+
+@BOTH
+def test_residual_is_the_scheme_as_written_down(double, medium):
+    tree = build_tree(double, sphere(subdivisions=3), 7, refine=None)
+    op = build_operator(double, tree, medium)
+    phi, b, r = (Field(double, tree) for _ in range(3))
+    values = np.random.default_rng(6).uniform(1, 2, tree.finest.n)
+    phi[-1].set(np.repeat(values[:, None], 4, axis=1))
+    Residual(double, op)(phi, b, r)
+    expected = Dense(tree, medium).residual(values)
+    got = r[-1].get()[:, 0] / scale_of(medium, values[:, None])[:, 0]
+    np.testing.assert_allclose(got, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def errors(device, case, resolution, **options):
+    """Relative errors of a solution: phi in all, full and cut cells, and phi_B as the value on the sphere."""
+    solved = solve(device, sphere(case.radius, 6), case.medium, case.lights, resolution, 1e-8, **options)
+    assert solved.convergence.converged
+    points, volumes, values, cut = solved.leaves()
+    exact = case.phi(points)
+    boundary, _ = boundary_points(solved.tree)
+    on_sphere = case.phi(case.radius * boundary / np.linalg.norm(boundary, axis=1, keepdims=True))
+    area, phi_B = solved.tree.cut.boundary.get()[:, 3], solved.phi_B[:, 0]
+    return {
+        "phi": relative_rms(values[:, 0], exact, volumes),
+        "phi, full cells": relative_rms(values[~cut, 0], exact[~cut], volumes[~cut]),
+        "phi, cut cells": relative_rms(values[cut, 0], exact[cut], volumes[cut]),
+        "phi_B": relative_rms(phi_B, on_sphere, area),
+        "phi_B, greatest": float(np.abs(phi_B - on_sphere).max() / np.abs(on_sphere).max()),
+    }
+
+
+def uniform_sphere():
+    """sigma_tr diameter = 20, sigma_a / sigma_tr = 0.01, a uniform source; A = 1.5 at eta = 1.1263."""
+    from scipy.optimize import brentq
+
+    eta = brentq(lambda eta: fresnel_A(eta) - 1.5, 1.01, 1.5)
+    return cases.uniform_source(10.0, 0.01, 0.99, eta)
+
+
+RESOLUTIONS = (16, 32, 64)
+ORDERS = pytest.mark.parametrize(
+    ("what", "declared"), [("phi", 1.9), ("phi, full cells", 1.7), ("phi, cut cells", 1.7), ("phi_B", 1.7)]
+)
+
+
+def fitted_order(found, what):
+    return cases.order([1 / n for n in found], [e[what] for e in found.values()])
+
+
+@pytest.fixture(scope="module")
+def uniform_errors(double):
+    return {n: errors(double, uniform_sphere(), n, refine=None) for n in RESOLUTIONS}
+
+
+@pytest.mark.parametrize(("what", "bar"), [("phi", 2e-4), ("phi_B", 1.2e-3), ("phi_B, greatest", 8e-3)])
+def test_uniform_sphere_meets_the_bar_at_64_cells(uniform_errors, what, bar):
+    assert uniform_errors[64][what] <= bar
+
+
+@ORDERS
+def test_uniform_sphere_has_order_two(uniform_errors, what, declared):
+    assert fitted_order(uniform_errors, what) >= declared
+
+
+def test_merging_all_that_can_be_merged_costs_little(double):
+    """The bars of maximal coarsening: the innermost cells, not the surface, set the error."""
+    found = errors(double, uniform_sphere(), 64)
+    assert found["phi"] <= 1.3e-3
+    assert found["phi_B"] <= 2.1e-3
+    assert found["phi_B, greatest"] <= 8e-3
+
+
+@pytest.fixture(scope="module")
+def manufactured_errors(double):
+    return {n: errors(double, cases.manufactured(), n, refine=None) for n in RESOLUTIONS}
+
+
+@ORDERS
+def test_manufactured_solution_with_variable_D_has_order_two(manufactured_errors, what, declared):
+    assert fitted_order(manufactured_errors, what) >= declared
+
+
+def test_manufactured_solution_is_accurate(manufactured_errors):
+    assert manufactured_errors[64]["phi"] <= 2e-4
+    assert manufactured_errors[64]["phi_B"] <= 1.2e-3
+
+
+def test_manufactured_solution_on_an_octree(double):
+    """D varies across faces between levels too."""
+    found = errors(double, cases.manufactured(), 64)
+    assert found["phi"] <= 1.3e-3
+    assert found["phi_B"] <= 2.1e-3
+
+
+def test_faces_between_levels_use_the_D_of_both_sides(device, eps):
+    """T = A / (d_i / D_i + d_j / D_j), from half a fine cell to half a coarse one."""
+    tree, medium = build_tree(device, sphere(), 40), Wavy()
+    op, points = build_operator(device, tree, medium), diffusion.cell_points(tree)
+    for k, level in enumerate(tree.levels):
+        if not level.n_ghost:
+            continue
+        cell, face = np.divmod(level.ghost_face.get(), 6)
+        D = [1 / (3 * (a + (1 - medium.g) * s)) for a, s in map(medium.coefficients, points)]
+        coarse = D[k - 1][level.parent.get()[level.n :]]
+        expected = level.h**2 / (level.h / 2 / D[k][cell] + level.h / coarse)
+        leaf = level.leaf[cell]
+        np.testing.assert_allclose(op.T[k].get()[cell, face, :3][leaf], expected[leaf], rtol=1e3 * eps)
+
+
+def test_single_precision_gives_the_same_solution(single, double):
+    medium, lights = Material(0.01, 0.99, eta=1.3), [Emission(1.0)]
+    found = [solve(d, sphere(), medium, lights, 24, 1e-4 if d is single else 1e-9) for d in (single, double)]
+    difference = relative_rms(found[0].phi_B, found[1].phi_B)
+    assert difference <= 1e-4
+
+
+def test_channels_do_not_couple(double):
+    """Three media solved together are the three solved apart."""
+    sigma_a, sigma_s = np.array([0.01, 0.1, 1.0]), np.array([2.0, 1.0, 0.5])
+    together = solve(double, sphere(), Material(sigma_a, sigma_s), [Emission((1.0, 2.0, 0.0))], 16, 1e-10)
+    assert not together.phi_B[:, 2].any()
+    for channel, strength in enumerate((1.0, 2.0)):
+        medium = Material(sigma_a[channel], sigma_s[channel])
+        alone = solve(double, sphere(), medium, [Emission(strength)], 16, 1e-10)
+        np.testing.assert_allclose(together.phi_B[:, channel], alone.phi_B[:, 0], rtol=1e-8)

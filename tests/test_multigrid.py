@@ -1,0 +1,321 @@
+"""Multigrid: transfers, smoother, rates that do not depend on h, and what a solve tells of itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import sparse
+from shapes import box, build_operator, build_tree, solve, sphere, torus
+
+from clsss import source
+from clsss.diffusion import Field
+from clsss.lights import DirectionalLight, Emission
+from clsss.materials import Material
+from clsss.multigrid import Multigrid
+
+MATERIAL = Material(sigma_a=(0.001, 0.01, 0.1), sigma_s=1.0, eta=1.3)
+LOSSLESS = Material(sigma_a=0.0, sigma_s=0.1)
+SHAPES = {"sphere": sphere, "torus": torus}
+
+
+def multigrid_for(device, mesh, medium, resolution, **options):
+    return Multigrid(device, build_operator(device, build_tree(device, mesh, resolution, **options), medium))
+
+
+def random_field(mg, rng):
+    """A random field on the leaves, zero on covered cells and ghosts."""
+    out = Field(mg.device, mg.op.octree)
+    for level, x in zip(mg.op.octree.levels, out, strict=True):
+        values = np.zeros(x.shape)
+        values[: level.n][level.leaf] = rng.normal(size=(int(level.leaf.sum()), 4))
+        x.set(values)
+    return out
+
+
+@pytest.fixture(scope="module")
+def small(double):
+    """A sphere on three levels with leaves on two of them or more."""
+    return multigrid_for(double, sphere(), MATERIAL, 40)
+
+
+def test_restriction_keeps_totals(small):
+    """What the fine cells have left is what the coarse ones get, to the last watt."""
+    rng, levels = np.random.default_rng(1), small.op.octree.levels
+    for k in range(len(levels) - 1, 0, -1):
+        fine, coarse = levels[k], levels[k - 1]
+        residual = rng.normal(size=small.r[k].shape)
+        small.r[k].set(residual)
+        small.e[k].fill(0)
+        small.r[k - 1].fill(0)
+        small.device.run(small._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, fine.nbr, small.op.T[k],
+                         small.op.absorb[k], small.r[k], small.e[k], small.r[k - 1])  # fmt: skip
+        expected = np.zeros((coarse.n, 4))
+        np.add.at(expected, fine.parent.get()[: fine.n], residual[: fine.n])
+        np.testing.assert_allclose(small.r[k - 1].get()[: coarse.n], expected, atol=1e-13)
+
+
+def prolonged(mg, k, values):
+    """A coarse field (n, 4) on level k - 1, carried to level k."""
+    fine = mg.op.octree.levels[k]
+    coarse = np.zeros(mg.e[k - 1].shape)
+    coarse[: len(values)] = values
+    mg.e[k - 1].set(coarse)
+    mg.e[k].fill(0)
+    mg.device.run(mg._prolong, fine.n, fine.n, fine.position, fine.nbr, fine.parent, mg.op.weight[k], mg.e[k - 1],
+                  mg.e[k])  # fmt: skip
+    return mg.e[k].get()[: fine.n]
+
+
+def test_prolongation_keeps_constants(small):
+    for k in range(1, len(small.e)):
+        np.testing.assert_allclose(prolonged(small, k, np.ones((small.op.octree.levels[k - 1].n, 4))), 1, rtol=1e-13)
+
+
+def test_prolongation_keeps_linear_fields_inside(small):
+    """Where a cell's neighbours and theirs are full, the weights are those of linear interpolation."""
+    tree = small.op.octree
+    coarse, fine = tree.levels[-2], tree.finest
+    slope = np.array([1.0, -2.0, 0.5])
+    values = np.repeat(((coarse.ijk + 0.5) * 2 @ slope)[:, None], 4, axis=1)
+    error = prolonged(small, len(tree.levels) - 1, values)[:, 0] - (fine.ijk + 0.5) @ slope
+    nbr, near = fine.nbr.get(), np.zeros(fine.n + fine.n_ghost, bool)
+    near[fine.n :] = near[tree.cut.cell.get()] = True
+    for _ in range(4):
+        near[: fine.n] |= near[nbr].any(axis=1)
+    assert (~near).sum() > 20
+    np.testing.assert_allclose(error[~near[: fine.n]] if near.size else error, 0, atol=1e-12)
+
+
+def two_point_rows(mg, k):
+    """The two-point part on level `k` as a matrix: cells by cells and ghosts, one channel."""
+    level = mg.op.octree.levels[k]
+    n, T = level.n, mg.op.T[k].get().reshape(level.n, 6)
+    rows = np.repeat(np.arange(n), 6)
+    off = sparse.csr_matrix((-T.ravel(), (rows, level.nbr.get().ravel())), shape=(n, n + level.n_ghost))
+    diagonal = mg.op.absorb[k].get()[:, 0] + T.sum(axis=1)
+    return off + sparse.diags(diagonal, 0, shape=off.shape)
+
+
+def test_smoother_is_red_black_gauss_seidel(device, eps):
+    """Cell after cell in numpy, red then black: the same numbers."""
+    mg = multigrid_for(device, sphere(subdivisions=3), MATERIAL, 14)
+    k = len(mg.e) - 1
+    level, rng = mg.op.octree.levels[k], np.random.default_rng(2)
+    x, b = (rng.normal(size=field[k].shape).astype(device.real) for field in (mg.e, mg.r))
+    mg.e[k].set(x)
+    mg.r[k].set(b)
+    mg.smooth(k, 2)
+    A, x, b = two_point_rows(mg, k).tocsr(), x[:, 0].astype(float), b[:, 0].astype(float)
+    for _ in range(2):
+        for i in range(level.n):
+            row = A.getrow(i)
+            x[i] += (b[i] - row.data @ x[row.indices]) / A[i, i]
+    np.testing.assert_allclose(mg.e[k].get()[:, 0], x, atol=50 * eps * np.abs(x).max())
+
+
+def two_point_matrix(mg):
+    """The two-point part on all leaves: faces between levels belong to their fine side."""
+    levels = mg.op.octree.levels
+    first = np.cumsum([0] + [int(level.leaf.sum()) for level in levels])
+    number = [np.where(level.leaf, first[k] + np.cumsum(level.leaf) - 1, -1) for k, level in enumerate(levels)]
+    A = sparse.coo_matrix((first[-1], first[-1]))
+    for k, level in enumerate(levels):
+        nbr, T = level.nbr.get(), mg.op.T[k].get().reshape(level.n, 6)
+        beyond = number[k]
+        if level.n_ghost:
+            beyond = np.concatenate([number[k], number[k - 1][level.parent.get()[level.n :]]])
+        own, other = np.repeat(number[k], 6), beyond[nbr].ravel()
+        keep = (own >= 0) & (other >= 0) & (own != other)
+        i, j, t = own[keep], other[keep], T.ravel()[keep]
+        ghost = (nbr.ravel() >= level.n)[keep]
+        i, j, t = np.append(i, j[ghost]), np.append(j, i[ghost]), np.append(t, t[ghost])
+        A = A + sparse.coo_matrix((np.concatenate([-t, t]), (np.tile(i, 2), np.append(j, i))), shape=A.shape)
+        leaves = number[k][level.leaf]
+        absorb = mg.op.absorb[k].get()[level.leaf, 0]
+        A = A + sparse.coo_matrix((absorb, (leaves, leaves)), shape=A.shape)
+    return A.tocsr()
+
+
+def on_leaves(mg, fields):
+    return np.concatenate([x.get()[: level.n][level.leaf] for level, x in zip(mg.op.octree.levels, fields, strict=True)])
+
+
+def set_leaves(mg, fields, values):
+    end = np.cumsum([int(level.leaf.sum()) for level in mg.op.octree.levels])
+    for level, x, part in zip(mg.op.octree.levels, fields, np.split(values, end[:-1]), strict=True):
+        full = np.zeros(x.shape)
+        full[: level.n][level.leaf] = part
+        x.set(full)
+
+
+def test_two_point_matrix_is_symmetric(small):
+    A = two_point_matrix(small)
+    assert abs(A - A.T).max() <= 1e-13 * abs(A).max()
+
+
+def asymptotic(norms):
+    """Mean reduction over the last five cycles."""
+    return (norms[-1] / norms[-6]) ** (1 / 5)
+
+
+def two_point_factor(mg, cycles=12):
+    """Reduction of the residual by V(2,2) of the two-point part alone, from a random start."""
+    A = two_point_matrix(mg)
+    error = np.repeat(np.random.default_rng(3).normal(size=A.shape[0])[:, None], 4, axis=1)
+    norms = []
+    for _ in range(cycles):
+        residual = -(A @ error)
+        norms.append(np.linalg.norm(residual[:, 0]))
+        set_leaves(mg, mg.r, residual)
+        mg.v_cycle(len(mg.e) - 1)
+        error += on_leaves(mg, mg.e)
+    return asymptotic(norms)
+
+
+def defect_factor(mg, cycles=12):
+    """Reduction by defect correction: residuals of the second-order operator, V(2,2) of its two-point part."""
+    phi, zero = random_field(mg, np.random.default_rng(4)), Field(mg.device, mg.op.octree)
+    norms = []
+    for _ in range(cycles):
+        mg.residual(phi, zero, mg.r)
+        norms.append(np.sqrt(mg.inner_product(mg.r, mg.r)))
+        mg.v_cycle(len(mg.e) - 1)
+        mg.combine(1, mg.e, 1, phi)
+    return asymptotic(np.array(norms)).max()
+
+
+RESOLUTIONS = [32, 64, pytest.param(128, marks=pytest.mark.slow)]
+# sigma_tr h at 64 cells along 20 mm: 0.31 sigma_tr
+ABSORBING = Material(sigma_a=0.0016, sigma_s=1.6, eta=1.1263)
+CASES = pytest.mark.parametrize("medium", [ABSORBING, LOSSLESS], ids=["absorbing", "lossless"])
+EVERY_SHAPE = pytest.mark.parametrize("shape", SHAPES)
+
+
+@pytest.fixture(scope="module")
+def factors(double):
+    """Reduction factors, computed once for each case."""
+    known = {}
+
+    def find(which, shape, resolution, medium, **options):
+        key = (which, shape, resolution, medium, *options.items())
+        if key not in known:
+            known[key] = which(multigrid_for(double, SHAPES[shape](), medium, resolution, **options))
+        return known[key]
+
+    return find
+
+
+@pytest.mark.parametrize("resolution", RESOLUTIONS)
+@CASES
+@EVERY_SHAPE
+def test_v_cycle_factor_on_a_uniform_grid(factors, shape, resolution, medium):
+    assert factors(two_point_factor, shape, resolution, medium, refine=None) <= 0.12
+
+
+@pytest.mark.parametrize("resolution", RESOLUTIONS)
+@CASES
+@EVERY_SHAPE
+def test_v_cycle_factor_on_an_octree(factors, shape, resolution, medium):
+    """Coarser leaves hold still while finer levels are smoothed, which costs a little."""
+    assert factors(two_point_factor, shape, resolution, medium) <= 0.15
+
+
+@pytest.mark.parametrize("resolution", RESOLUTIONS)
+@CASES
+@EVERY_SHAPE
+def test_defect_correction_factor(factors, shape, resolution, medium):
+    assert factors(defect_factor, shape, resolution, medium) <= 0.18
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_factor_does_not_depend_on_h(factors, shape):
+    found = [factors(two_point_factor, shape, n, ABSORBING, refine=None) for n in (32, 64)]
+    assert found[1] - found[0] < 0.02
+
+
+def prepared(device, medium=MATERIAL, resolution=32):
+    """A problem, its right-hand side and a field to solve into."""
+    mg = multigrid_for(device, sphere(), medium, resolution)
+    lights = [DirectionalLight((0.2, -1, 0.3)), Emission((1e-3, 0.0, 1e-3))]
+    b = source.make_source(device, mg.op.octree, mg.op.medium, lights, 1.0).b
+    return mg, b, Field(device, mg.op.octree)
+
+
+def test_solve_reaches_its_tolerance(device, eps):
+    """1e-10 in double, 1e-4 in single; the residual told is the residual left."""
+    tolerance = 1e-10 if eps < 1e-10 else 1e-4
+    mg, b, phi = prepared(device)
+    done = mg.solve(b, phi, tolerance)
+    assert done.converged
+    assert done.tolerance == tolerance
+    np.testing.assert_allclose(done.residuals[0], 1, rtol=1e-5)
+    assert done.cycles == len(done.residuals) - 1
+    assert done.residuals[-1].max() <= tolerance < done.residuals[-2].max()
+    r = Field(device, mg.op.octree)
+    mg.residual(phi, b, r)
+    left = np.sqrt(mg.inner_product(r, r) / mg.inner_product(b, b))
+    np.testing.assert_allclose(left, done.residuals[-1], rtol=1e-3)
+    assert done.factor <= 0.2
+
+
+def test_solve_says_when_it_does_not_converge(double):
+    mg, b, phi = prepared(double)
+    done = mg.solve(b, phi, 1e-10, max_cycles=2)
+    assert not done.converged
+    assert done.cycles == 2
+    assert 1e-10 < done.residuals[-1].max() < 1
+
+
+def test_impossible_tolerance_ends(single):
+    """Single precision cannot reach 1e-12: told, not raised, and without the full number of cycles wasted."""
+    mg, b, phi = prepared(single)
+    done = mg.solve(b, phi, 1e-12)
+    assert not done.converged
+    assert done.residuals[-1].max() <= 1e-5
+
+
+def test_no_source_is_solved_by_nothing(device):
+    mg, b, phi = prepared(device)
+    b.whole.fill(0)
+    done = mg.solve(b, phi, 1e-6)
+    assert (done.converged, done.cycles, done.factor) == (True, 0, 0.0)
+    assert not phi.whole.get().any()
+
+
+def test_dark_channel_does_not_hold_up_the_others(double):
+    found = solve(double, sphere(), MATERIAL, [Emission((1.0, 0.0, 0.0))], 24, 1e-8)
+    assert found.convergence.converged
+    assert not found.phi_B[:, 1:].any()
+
+
+def test_same_bits_twice(device):
+    found = []
+    for _ in range(2):
+        mg, b, phi = prepared(device, resolution=24)
+        mg.solve(b, phi, 1e-4)
+        found.append(np.concatenate([x.get().ravel() for x in phi]))
+    np.testing.assert_array_equal(*found)
+
+
+def test_progress_grows_to_one(device):
+    mg, b, phi = prepared(device, resolution=24)
+    told = []
+    mg.solve(b, phi, 1e-4, progress=told.append)
+    assert told == sorted(told)
+    assert 0 <= told[0]
+    assert told[-1] <= 1
+
+
+def test_starting_from_the_solution_takes_no_cycle(double):
+    mg, b, phi = prepared(double)
+    mg.solve(b, phi, 1e-8)
+    assert mg.solve(b, phi, 1e-7).cycles == 0
+
+
+@pytest.mark.parametrize("thickness", [1.5, 3.0])
+def test_thin_plates_converge(double, thickness):
+    """A plate of a few cells has no interior to speak of on coarser levels."""
+    h = 20 / 48
+    found = solve(double, box((20, 20, thickness * h)), ABSORBING, [Emission(1.0)], 48, 1e-8)
+    assert found.convergence.converged
+    assert found.convergence.factor <= 0.25
