@@ -120,15 +120,15 @@ def compare(
         left_out = f"no dipole: {error}"
     weight = vertex_areas(mesh)
     points = _spread(weight, n_points, seed)
-    radius = float(np.sqrt(weight.sum() / (np.pi * len(points)))) if medium.eta != 1 else 0.0
+    share = float(np.sqrt(weight.sum() / (np.pi * len(points))))
     truth = estimate(
         mesh, medium, lights, n_paths, mesh.vertices[points], mesh.normals[points],
-        seed=seed, radius=radius or None, device=device, progress=progress,
+        seed=seed, radius=share, device=device, progress=progress,
     )  # fmt: skip
     good = np.isfinite(truth.radiosity).all(axis=1)
     scores = []
     for name, values in radiosity.items():
-        around = _averaged(mesh.vertices, values, weight, mesh.vertices[points], radius)
+        around = _averaged(mesh.vertices, values, weight, mesh.vertices[points], truth.radius)
         scores.append(_score(name, around[good], truth.radiosity[good], seconds[name]))
     return Comparison(
         mesh,

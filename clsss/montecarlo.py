@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from clsss import paths, photons
 from clsss.device import Device
 from clsss.errors import InputError
 from clsss.materials import Medium
-from clsss.mesh import Mesh
+from clsss.mesh import Mesh, contains
 from clsss.transport import Walk, gather, make_scene
 
 CAP = 200_000  # collisions after which a path is given up; reported, never silent
@@ -45,6 +45,8 @@ class Estimate:
     energy : dict of (3,) float64
         Power [W] incident on the object, reflected at its surface, absorbed, and leaving it scattered,
         unscattered, lost or capped; empty unless photons were traced from the lights.
+    radius : float
+        Up to this far around its point a value is averaged over the surface [mm]; 0 where paths start there.
     seconds : float
         Time taken.
     """
@@ -57,8 +59,9 @@ class Estimate:
     multiple_stderr: np.ndarray
     lost: float
     capped: float
-    energy: dict[str, np.ndarray] = field(default_factory=dict)
-    seconds: float = 0.0
+    energy: dict[str, np.ndarray]
+    radius: float
+    seconds: float
 
 
 def estimate(
@@ -96,7 +99,8 @@ def estimate(
         Whether light that left may enter again elsewhere. False makes cavities and facing parts black, as a
         diffusion solver has it that does not couple them.
     forward : bool, optional
-        Photons from the lights instead of paths from the points; by default where ``medium.eta`` is not 1.
+        Photons from the lights instead of paths from the points; by default where ``medium.eta`` is not 1, and
+        for lamps inside the solid, which paths rarely come near.
     radius : float, optional
         Photons count up to this far from a point, unless another is nearer [mm]; 1 % of the mesh's size.
     device : Device, optional
@@ -117,11 +121,11 @@ def estimate(
     started = time.perf_counter()
     if n_paths < 1:
         raise InputError(f"n_paths: needs at least 1 path per point, got {n_paths}")
+    sources, device = gather(lights), device or Device(precision="single")
     if forward is None:
-        forward = medium.eta != 1
+        forward = medium.eta != 1 or bool(contains(mesh, sources.place[sources.lamps, :3]).any())
     if not forward and medium.eta != 1:
         raise InputError(f"forward: paths from the points need eta = 1, not {medium.eta:g}")
-    sources, device = gather(lights), device or Device(precision="single")
     at, facing = _checked(mesh, points, normals)
     place, triangle = paths.anchors(mesh, at, facing)
     on = np.flatnonzero(triangle >= 0)
@@ -131,20 +135,23 @@ def estimate(
     walk, n = Walk(seed, reenter, CAP, progress), len(on)
     energy: dict[str, np.ndarray] = {}
     if forward:
-        pieces, owner = photons.patches(mesh.triangles, at[on], radius or PATCH * mesh.size)
+        radius = radius or PATCH * mesh.size
+        pieces, owner = photons.patches(mesh.triangles, at[on], radius)
         scene, area = make_scene(pieces, medium, sources, device), photons.owned_areas(pieces, owner, n)
         launched = photons.launched(scene, sources, mesh)
         results, energy = photons.trace(scene, launched, owner, area, n_paths * n, medium.eta, walk)
         incident = max(energy["incident"].sum(), np.finfo(float).tiny)
         lost, capped = (float(energy[k].sum() / incident) for k in ("lost", "capped"))
     else:
+        radius = 0.0
         scene = make_scene(mesh.triangles, medium, sources, device)
         results, (lost, capped) = paths.trace(scene, sources, place[on], triangle[on], n_paths, walk)
     for name, values in results.items():
         results[name] = np.full((len(at), 3), np.nan)
         results[name][on] = values
     results["stderr"] = results.pop("radiosity_stderr")
-    return Estimate(**results, lost=lost, capped=capped, energy=energy, seconds=time.perf_counter() - started)
+    seconds = time.perf_counter() - started
+    return Estimate(**results, lost=lost, capped=capped, energy=energy, radius=radius, seconds=seconds)
 
 
 def _checked(mesh: Mesh, points: Any, normals: Any) -> tuple[np.ndarray, np.ndarray | None]:

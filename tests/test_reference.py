@@ -212,6 +212,14 @@ def test_forward_and_backward_agree(name):
     assert np.all(noise < 0.1 * b.radiosity.sum(axis=0))
 
 
+def test_paths_start_where_light_neither_bends_nor_shines_inside():
+    inside, outside = PointLight((0, 0, 1.0)), PointLight((0, 0, 9.0))
+    straight, bending = Material(0.1, 1.0), Material(0.1, 1.0, eta=1.3)
+    for medium, light, forward in ((straight, outside, False), (straight, inside, True), (bending, outside, True)):
+        e = estimate(ball(), medium, [light], 2, ball().vertices[:5])
+        assert bool(e.energy) is (e.radius > 0) is forward
+
+
 def test_seed_fixes_the_result():
     points = ball().vertices[::50]
     first, second, other = (estimate(ball(), Material(0.1, 1.0), [DOWN], 20, points, seed=s) for s in (1, 1, 2))
