@@ -119,6 +119,12 @@ def devices() -> list[tuple[str, str, bool, str]]:
     return [(d.name, d.platform, d.works, d.why_not) for d in find_devices()]
 
 
+@functools.lru_cache(maxsize=8)
+def open_device(name: str | None = None, precision: str = "single") -> Device:
+    """A device as `Device` gives it, the same one every time: kernels are built once a process."""
+    return Device(name, precision)
+
+
 class Buffer:
     """A typed array on the device: shape and dtype of its host image, and the memory that holds it."""
 

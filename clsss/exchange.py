@@ -28,7 +28,9 @@ from clsss.rays import RayCaster
 from clsss.surface import boundary_points
 
 PROBES = 16  # rays that tell whether a patch sees the object at all
-RAYS = 128
+RAYS = 64
+PATCHES = 64  # patches along the longest side of the grid, at least
+NEAREST = 6  # patches that a cut cell's share is blended from
 CHUNK = 1 << 18
 GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # R3 low-discrepancy sequence
 
@@ -39,10 +41,10 @@ class Exchange:
 
     Attributes
     ----------
-    patch : (n_cut,) int
-        Patch of each cut cell.
     share : (p, n_cut) sparse
-        Area-weighted mean over the cells of each patch.
+        Area-weighted mean over the cut cells of each patch.
+    blend : (n_cut, p) sparse
+        Mean over the patches around each cut cell that face the same way.
     arriving, entering : (p, p) sparse
         H and H_t per B.
     gain : float
@@ -52,8 +54,8 @@ class Exchange:
     seconds : float
     """
 
-    patch: np.ndarray
     share: sparse.csr_matrix
+    blend: sparse.csr_matrix
     arriving: sparse.csr_matrix
     entering: sparse.csr_matrix
     gain: float
@@ -78,16 +80,30 @@ def leaving_shape(mu: np.ndarray, eta: float) -> np.ndarray:
 
 
 def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np.ndarray, sparse.csr_matrix]:
-    """Cut cells of one parent whose normals share their main axis, and their area-weighted mean."""
-    coarse = octree.finest.ijk[octree.cut.cell.get()].astype(np.int64) >> 1
+    """Cut cells of one ancestor whose normals share their main axis, and their area-weighted mean."""
+    depth = max(1, round(np.log2(max(octree.grid.dims) / PATCHES)))
+    coarse = octree.finest.ijk[octree.cut.cell.get()].astype(np.int64) >> depth
     axis = np.abs(normals).argmax(axis=1)
     side = normals[np.arange(len(normals)), axis] > 0
-    dims = np.array(octree.grid.dims) // 2 + 1
+    dims = np.array(octree.grid.dims) // 2**depth + 1
     key = ((coarse[:, 2] * dims[1] + coarse[:, 1]) * dims[0] + coarse[:, 0]) * 6 + 2 * axis + side
     _, patch = np.unique(key, return_inverse=True)
     total = np.bincount(patch, areas)
     weight = areas / np.maximum(total[patch], 1e-300)
     return patch, sparse.csr_matrix((weight, (patch, np.arange(len(patch)))), shape=(len(total), len(patch)))
+
+
+def _blend(share: sparse.csr_matrix, points: np.ndarray, normals: np.ndarray) -> sparse.csr_matrix:
+    centres, facing = share @ points, share @ normals
+    k = min(NEAREST, len(centres))
+    distance, near = cKDTree(centres).query(points, k=k)
+    distance, near = distance.reshape(-1, k), near.reshape(-1, k)
+    reach = distance[:, -1:] * (1 + 1e-9) + 1e-300
+    alike = np.maximum(1e-6, np.einsum("nd,nkd->nk", normals, facing[near]))
+    weight = alike**2 * (1 - (distance / reach) ** 2 + 1e-3)
+    weight /= weight.sum(axis=1, keepdims=True)
+    rows = np.repeat(np.arange(len(points)), k)
+    return sparse.csr_matrix((weight.ravel(), (rows, near.ravel())), shape=share.shape[::-1])
 
 
 class _Tracer:
@@ -199,4 +215,5 @@ def trace_exchange(mesh: Mesh, octree: Octree, eta: float,
     where = (np.concatenate(rows), np.concatenate(columns))
     gain = 4 / (1 - fresnel_moments(eta)[0])
     H, H_t = (sparse.coo_matrix((np.concatenate(v), where), shape=(n, n)).tocsr() for v in (arriving, entering))
-    return Exchange(patch, share, H, H_t, gain, tracer.rays, time.perf_counter() - start)
+    blend = _blend(share, tracer.points, normals)
+    return Exchange(share, blend, H, H_t, gain, tracer.rays, time.perf_counter() - start)

@@ -89,7 +89,7 @@ class Interreflection:
     @property
     def entering(self) -> np.ndarray:
         """H_t (n_cut, 3), what the boundary of each cut cell lets in."""
-        return (self.exchange.entering @ self.state)[self.exchange.patch]
+        return self.exchange.blend @ (self.exchange.entering @ self.state)
 
     def update(self, phi: Field) -> float:
         """One step of the exchange; how far B moved, relative to its size."""

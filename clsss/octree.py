@@ -165,7 +165,7 @@ def _dilate(mask: np.ndarray, layers: int) -> np.ndarray:
 
 def _split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Refine) -> list[np.ndarray]:
     """Which cells of each level are replaced by finer ones, 2:1 balanced with diagonals."""
-    split = []
+    split: list[np.ndarray] = []
     near = _dilate(_pool(cut), SURFACE_LAYERS)
     layers = ndimage.distance_transform_cdt(~_pool(cut), "chessboard")
     for level in range(len(has) - 2, -1, -1):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clsss import __version__, cutcell, diffusion, octree
-from clsss.device import Device
+from clsss.device import open_device
 from clsss.errors import DeviceError, InputError
 from clsss.exchange import trace_exchange
 from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
@@ -123,7 +123,8 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     tell = _reporter(progress)
     seconds = {"load": float(mesh.report.get("seconds", 0.0)), **dict.fromkeys(STAGES, 0.0)}
     with timed("device", seconds, tell):
-        dev = Device(device, precision)
+        dev = open_device(device, precision)
+        dev.peak = dev.allocated
     grid = cutcell.make_grid(mesh.bounds, int(resolution))
     with timed("cut cells", seconds, tell):
         samples = cutcell.sample_surface(dev, grid, mesh)
