@@ -33,7 +33,9 @@ class Coefficients:
     D : list of (n, 4) real, device, or of REAL4
         Diffusion coefficient [mm] of each level.
     sigma_a, sigma_s : likewise
-        Absorption and (reduced) scattering [1/mm].
+        Absorption, and scattering out of the beam, sigma_s* = (1 - f) sigma_s [1/mm].
+    g : float
+        Mean cosine g* = (g - f) / (1 - f) of that scattering.
     fresnel_A : float
         Boundary constant A.
     eta : float
@@ -44,6 +46,7 @@ class Coefficients:
     D: list[Any]
     sigma_a: list[Any]
     sigma_s: list[Any]
+    g: float
     fresnel_A: float
     eta: float
 
@@ -108,18 +111,29 @@ def cell_points(octree: Octree) -> list[np.ndarray]:
     return points
 
 
-def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float) -> Coefficients:
+PHASES = ("similarity", "delta-eddington", "p1")
+
+
+def forward_fraction(phase: str, g: float) -> float:
+    """Fraction f of scattering that is taken as unscattered: g, g^2 or 0 for the three phases of `PHASES`."""
+    return {"similarity": g, "delta-eddington": g * g, "p1": 0.0}[phase]
+
+
+def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
+                  phase: str = "similarity") -> Coefficients:  # fmt: skip
     """Coefficients of a medium at the cells of an octree.
 
-    Scattering is reduced by similarity, sigma_s' = (1 - g) sigma_s.
+    D = 1 / (3 (sigma_a + (1 - g) sigma_s)) for every phase; beams lose sigma_a + (1 - f) sigma_s.
     """
     n_levels = len(octree.levels)
+    f = forward_fraction(phase, medium.g)
+    beam_g = (medium.g - f) / (1 - f)
     if medium.homogeneous:
         sigma_a, sigma_s = medium.coefficients(np.zeros((1, 3)))
         reduced = (1 - medium.g) * sigma_s[0]
-        values = 1 / (3 * (sigma_a[0] + reduced)), sigma_a[0], reduced
+        values = 1 / (3 * (sigma_a[0] + reduced)), sigma_a[0], (1 - f) * sigma_s[0]
         one = [[device.vector(channels(v))] * n_levels for v in values]
-        return Coefficients(True, one[0], one[1], one[2], fresnel_A, medium.eta)
+        return Coefficients(True, one[0], one[1], one[2], beam_g, fresnel_A, medium.eta)
     D: list[Buffer] = []
     absorption: list[Buffer] = []
     scattering: list[Buffer] = []
@@ -128,8 +142,8 @@ def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float)
         reduced = (1 - medium.g) * sigma_s
         D.append(device.array(channels(1 / (3 * (sigma_a + reduced)))))
         absorption.append(device.array(channels(sigma_a)))
-        scattering.append(device.array(channels(reduced)))
-    return Coefficients(False, D, absorption, scattering, fresnel_A, medium.eta)
+        scattering.append(device.array(channels((1 - f) * sigma_s)))
+    return Coefficients(False, D, absorption, scattering, beam_g, fresnel_A, medium.eta)
 
 
 def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Operator:
@@ -146,8 +160,8 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     kernel = device.kernel("coefficients", "coarse_coefficients", *defines)
     for k in range(len(T) - 2, -1, -1):
         level = octree.levels[k]
-        device.run(kernel, level.n, level.n, level.h, medium.D[k], medium.D[max(k - 1, 0)], medium.sigma_a[k], level.nbr,
-                   level.parent, level.is_leaf, level.child, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
+        device.run(kernel, level.n, level.n, level.h, medium.D[k], medium.D[max(k - 1, 0)], medium.sigma_a[k],
+                   level.nbr, level.parent, level.is_leaf, level.child, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
     kernel = device.kernel("coefficients", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
     for level, t in zip(octree.levels[1:], T[1:], strict=True):

@@ -109,7 +109,8 @@ def _blend(share: sparse.csr_matrix, points: np.ndarray, normals: np.ndarray) ->
 class _Tracer:
     """Rays from patches to the patches that they hit."""
 
-    def __init__(self, mesh: Mesh, octree: Octree, patch: np.ndarray):
+    def __init__(self, mesh: Mesh, octree: Octree, patch: np.ndarray, blockers: RayCaster | None):
+        self.blockers = blockers
         self.caster, self.octree, self.patch = RayCaster(mesh.triangles), octree, patch
         self.points, self.normals = boundary_points(octree)
         self.h = octree.grid.h
@@ -147,6 +148,8 @@ class _Tracer:
             t[behind] += np.linalg.norm(start - origin[behind], axis=1)
         seen = (triangle >= 0) & ((self.facing[triangle] * direction).sum(axis=1) < 0)
         hit = np.flatnonzero(seen)
+        if self.blockers:
+            hit = hit[~self.blockers.occluded(origin[hit], direction[hit], t[hit])]
         end = origin[hit] + t[hit, None] * direction[hit]
         other = self._cell_at(end, self.facing[triangle[hit]])
         good = self.patch[other] != patches[hit]
@@ -169,7 +172,7 @@ class _Tracer:
         return found
 
 
-def trace_exchange(mesh: Mesh, octree: Octree, eta: float,
+def trace_exchange(mesh: Mesh, octree: Octree, eta: float, blockers: RayCaster | None = None,
                    progress: Callable[[float], None] | None = None) -> Exchange | None:  # fmt: skip
     """The exchange between the parts of a surface, or None where no part sees another.
 
@@ -179,6 +182,8 @@ def trace_exchange(mesh: Mesh, octree: Octree, eta: float,
     octree : Octree
     eta : float
         Relative index of refraction.
+    blockers : RayCaster, optional
+        Opaque black bodies.
     progress : callable, optional
         Called with the fraction done.
     """
@@ -188,7 +193,7 @@ def trace_exchange(mesh: Mesh, octree: Octree, eta: float,
     patch, share = _patches(octree, normals, areas)
     area = np.bincount(patch, areas)
     n = len(area)
-    tracer = _Tracer(mesh, octree, patch)
+    tracer = _Tracer(mesh, octree, patch, blockers)
     probes = np.repeat(np.arange(n), PROBES)
     hit, other, _, _ = tracer.trace(probes, np.tile(np.arange(PROBES), n))
     active = np.zeros(n, bool)

@@ -19,6 +19,7 @@ from clsss.exchange import Exchange
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
 from clsss.octree import Octree
+from clsss.rays import RayCaster
 from clsss.source import Source, light_unit, make_source, subtract_moment
 
 Progress = Callable[[str, float], None]
@@ -34,6 +35,7 @@ class Scene:
     medium: Coefficients
     multigrid: Multigrid
     exchange: Exchange | None
+    blockers: RayCaster | None
     tolerance: float
 
 
@@ -140,7 +142,9 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     device, octree, medium = scene.device, scene.octree, scene.medium
     unit = light_unit(list(lights), scene.mesh.size)
     with timed("source", seconds, tell):
-        source = make_source(device, octree, medium, list(lights), unit, lambda f: tell("source", f))
+        source = make_source(
+            device, octree, medium, list(lights), unit, scene.blockers, lambda f: tell("source", f)
+        )
     with timed("solve", seconds, tell):
         phi = Field(device, octree)
         follower = Interreflection(scene, source) if scene.exchange else None

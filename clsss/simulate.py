@@ -12,12 +12,13 @@ import numpy as np
 
 from clsss import __version__, cutcell, diffusion, octree
 from clsss.device import open_device
+from clsss.diffusion import PHASES
 from clsss.errors import DeviceError, InputError
 from clsss.exchange import trace_exchange
 from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import fresnel_A
-from clsss.mesh import Mesh, contains
+from clsss.mesh import Mesh, RayCaster, contains
 from clsss.multigrid import Multigrid
 from clsss.surface import fluence_at
 
@@ -78,6 +79,7 @@ class Result:
 
 def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 128, adaptive: bool = True,
              tolerance: float = 1e-4, precision: str = "single", device: str | None = None,
+             phase: str = "similarity", blockers: Sequence[Mesh] = (),
              progress: bool | Progress | None = None) -> Result:  # fmt: skip
     """Compute how light diffuses inside an object and what leaves its surface.
 
@@ -99,6 +101,11 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         Of the device's arithmetic.
     device : str, optional
         Substring of an OpenCL device's name; by default the best that works.
+    phase : {"similarity", "delta-eddington", "p1"}
+        How a beam treats forward scattering, for g > 0: a fraction g, g^2 or 0 of it counts as unscattered. The
+        first needs cells of about the transport mean free path, the last of the mean free path.
+    blockers : sequence of Mesh
+        Opaque black bodies that cast shadows: on the object, and between parts of its surface.
     progress : bool or callable, optional
         True prints stages; a callable gets ``(stage, fraction)``.
 
@@ -119,6 +126,8 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         raise InputError(f"resolution: needs a whole number of at least 4 cells, got {resolution}")
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance: needs a number between 0 and 1, got {tolerance}")
+    if phase not in PHASES:
+        raise InputError(f"phase: unknown value {phase!r}; use {', '.join(PHASES)}")
     _check_memory(mesh, int(resolution))
     tell = _reporter(progress)
     seconds = {"load": float(mesh.report.get("seconds", 0.0)), **dict.fromkeys(STAGES, 0.0)}
@@ -136,12 +145,13 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
             raise InputError(
                 f"{mesh.name}: no cell of the grid lies inside at resolution {resolution}; raise the resolution"
             )
-        coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta))
+        coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         dev.finish()
     with timed("exchange", seconds, tell):
-        coupling = trace_exchange(mesh, tree, medium.eta, lambda f: tell("exchange", f))
-    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, tolerance)
+        shadows = RayCaster(np.concatenate([body.triangles for body in blockers])) if blockers else None
+        coupling = trace_exchange(mesh, tree, medium.eta, shadows, lambda f: tell("exchange", f))
+    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, tolerance)
     return _bake(scene, medium, lights, None, seconds, start, tell)
 
 

@@ -22,6 +22,7 @@ from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree
+from clsss.rays import RayCaster
 
 ENVIRONMENT_BEAMS = 256
 
@@ -64,9 +65,12 @@ class Beams:
     device : Device
     octree : Octree
     medium : Coefficients
+    blockers : RayCaster or None
+        Opaque bodies in front of the lights.
     """
 
-    def __init__(self, device: Device, octree: Octree, medium: Coefficients):
+    def __init__(self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None):
+        self.blockers, self._points = blockers, cell_points(octree) if blockers else []
         self.device, self.octree, self.medium = device, octree, medium
         n_cut = octree.cut.n
         self.Q = Field(device, octree)
@@ -90,6 +94,8 @@ class Beams:
             towards = away / np.linalg.norm(away, axis=1, keepdims=True)
             where, strength = device.vector([*position, 1.0]), light.intensity
         self._trace(where, device.vector(channels(strength / unit)))
+        if self.blockers:
+            self._shade(light)
         entering = np.maximum(0, (towards * self._normal).sum(axis=1))
         self.incident += entering @ self._F_B.get()[:, :3].astype(float)
         self._deposit(where)
@@ -101,37 +107,57 @@ class Beams:
         defines, finest = self.medium.defines, self.octree.finest
         surface = (octree.cut_index, cut.boundary, cut.normal, cut.centroid)
         cells = device.kernel("attenuate", "beam_in_cells", *defines)
-        ghosts = device.kernel("prolong", "copy_ghosts")
         for k, level in enumerate(octree.levels):
             device.run(cells, level.n, level.n, level.depth, octree.grid.h, eta, where, strength, octree.grid.dims,
                        octree.block, octree.brick, level.position, level.is_leaf, *surface, *self._extinction,
                        self._F[k])  # fmt: skip
             if level.n_ghost:
-                device.run(ghosts, level.n_ghost, level.n_ghost, level.n, level.parent, self._F[k - 1], self._F[k])
+                self._copy_ghosts(k)
         kernel = device.kernel("attenuate", "beam_at_boundary", *defines)
         device.run(kernel, cut.n, cut.n, octree.grid.h, eta, where, strength, octree.grid.dims, octree.block,
                    octree.brick, finest.position, cut.cell, *surface, *self._extinction, self._F_B)  # fmt: skip
 
+    def _shade(self, light: DirectionalLight | PointLight) -> None:
+        """No light where a blocker stands before it."""
+        assert self.blockers is not None
+        boundary = self.octree.grid.to_mm(self._x_B)
+        for points, F in zip([*self._points, boundary], [*self._F, self._F_B], strict=True):
+            if isinstance(light, DirectionalLight):
+                dark = self.blockers.occluded(points, -light.direction[None])
+            else:
+                dark = self.blockers.occluded(points, light.position - points, 1.0)
+            values = F.get()
+            values[: len(points)][dark] = 0
+            F.set(values)
+        for k in range(1, len(self.octree.levels)):
+            self._copy_ghosts(k)
+
+    def _copy_ghosts(self, k: int) -> None:
+        level = self.octree.levels[k]
+        self.device.run(self.device.kernel("prolong", "copy_ghosts"), level.n_ghost, level.n_ghost, level.n,
+                        level.parent, self._F[k - 1], self._F[k])  # fmt: skip
+
     def _deposit(self, where: Any) -> None:
         device, octree, cut, medium = self.device, self.octree, self.octree.cut, self.medium
-        levels, sigma_a, sigma_s, defines = octree.levels, medium.sigma_a, medium.sigma_s, medium.defines
+        levels, defines, g = octree.levels, medium.defines, float(medium.g)
+        parts = list(zip(medium.D, medium.sigma_a, medium.sigma_s, strict=True))
         finest, F, F_B = octree.finest, self._F, self._F_B
         kernel = device.kernel("source", "deposit_finest", *defines)
-        device.run(kernel, finest.n, finest.n, finest.h, where, sigma_a[-1], sigma_s[-1], sigma_a[-2], sigma_s[-2],
-                   finest.position, finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
+        device.run(kernel, finest.n, finest.n, finest.h, g, where, *parts[-1], *parts[-2], finest.position,
+                   finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
                    cut.aperture, cut.face_centroid, F_B, F[-1], self.Q[-1])  # fmt: skip
         coarse = device.kernel("source", "deposit_coarse", *defines)
         interface = device.kernel("source", "deposit_interface", *defines)
         for k, level in enumerate(levels[:-1]):
             up, fine, m = max(k - 1, 0), levels[k + 1], level.interface.shape[0]
-            device.run(coarse, level.n, level.n, level.h, level.depth, where, sigma_a[k], sigma_s[k], sigma_a[up],
-                       sigma_s[up], level.position, level.nbr, level.parent, level.is_leaf, F[k],
+            device.run(coarse, level.n, level.n, level.h, g, level.depth, where, *parts[k], *parts[up],
+                       level.position, level.nbr, level.parent, level.is_leaf, F[k],
                        self.Q[k])  # fmt: skip
-            device.run(interface, m, m, fine.n, fine.h, fine.depth, where, sigma_a[k], sigma_s[k], sigma_a[k + 1],
-                       sigma_s[k + 1], level.interface, level.interface_start, fine.ghost_face, fine.position,
+            device.run(interface, m, m, fine.n, fine.h, g, fine.depth, where, *parts[k], *parts[k + 1], level.interface,
+                       level.interface_start, fine.ghost_face, fine.position,
                        F[k + 1], self.Q[k])  # fmt: skip
         kernel = device.kernel("source", "moment", *defines)
-        device.run(kernel, cut.n, cut.n, finest.h, where, medium.D[-1], sigma_a[-1], sigma_s[-1], finest.position,
+        device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], finest.position,
                    cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment)  # fmt: skip
 
     def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:
@@ -177,6 +203,7 @@ def light_unit(lights: list[Any], size: float) -> float:
 
 
 def make_source(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float,
+                blockers: RayCaster | None = None,
                 progress: Callable[[float], None] | None = None) -> Source:  # fmt: skip
     """Deposit of all lights, in multiples of `unit` [W/mm^2].
 
@@ -186,6 +213,8 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         Where.
     lights : list of DirectionalLight, PointLight, EnvironmentLight or Emission
         They add up in one right-hand side.
+    blockers : RayCaster, optional
+        Opaque bodies in front of the lights.
     progress : callable, optional
         Called with the fraction done.
 
@@ -193,7 +222,7 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
     -------
     Source
     """
-    beams = Beams(device, octree, medium)
+    beams = Beams(device, octree, medium, blockers)
     collimated: list[Any] = []
     for light in lights:
         if isinstance(light, EnvironmentLight):

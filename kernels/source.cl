@@ -1,9 +1,10 @@
 /* source.cl -- what a beam deposits, as the divergence of its flux: the total is what enters minus what leaves,
  * times the albedo a, at any cell size.
  *
- *     B_f = A_f a (omega . e) LM(F_i, F_j),   Q_i = -(sum_f B_f + A_B a (omega . n_B) F_B)
+ *     B_f = A_f (a + 3 D g sigma_s) (omega . e) LM(F_i, F_j),   Q_i = -(sum_f B_f + A_B a (omega . n_B) F_B)
  *
- * LM, the logarithmic mean, is the exact mean of an exponential between the two centroids.
+ * The second term of a face is the flux 3 D q1 of the first moment q1 = g sigma_s F omega; at the boundary phi_B
+ * holds it already. LM, the logarithmic mean, is the exact mean of an exponential between the two centroids.
  */
 #include "real.h"
 #include "face.h"
@@ -20,6 +21,11 @@ REAL4 log_mean(const REAL4 u, const REAL4 v) {
 
 REAL4 albedo(MEDIUM sigma_a, MEDIUM sigma_s, const int i) { return AT(sigma_s, i) / (AT(sigma_a, i) + AT(sigma_s, i)); }
 
+/* What a face carries per irradiance and area: a + 3 D g sigma_s. */
+REAL4 carried(const REAL g, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s, const int i) {
+    return albedo(sigma_a, sigma_s, i) + 3 * g * AT(D, i) * AT(sigma_s, i);
+}
+
 /* omega . e_out for face f of the cell at `corner` with `width` (cells of the finest grid). */
 REAL outward(const REAL4 light, const REAL4 corner, const REAL width, const int f) {
     const int axis = f >> 1, up = f & 1;
@@ -35,8 +41,9 @@ REAL outward(const REAL4 light, const REAL4 corner, const REAL width, const int 
 
 /* Q on the finest level. */
 // cost deposit_finest: 90R+60 B, 300 flop
-__kernel void deposit_finest(const int n, const REAL h, const REAL4 light, MEDIUM sigma_a, MEDIUM sigma_s,
-                             MEDIUM sigma_a_coarse, MEDIUM sigma_s_coarse, __global const int *restrict position,
+__kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL4 light, MEDIUM D, MEDIUM sigma_a,
+                             MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_a_coarse, MEDIUM sigma_s_coarse,
+                             __global const int *restrict position,
                              __global const int *restrict nbr, __global const int *restrict parent,
                              __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
@@ -45,7 +52,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL4 light, MEDIU
                              __global REAL4 *restrict Q) {
     const int i = get_global_id(0);
     if (i >= n) return;
-    const REAL4 corner = convert_REAL4(vload4(i, position)), own = albedo(sigma_a, sigma_s, i);
+    const REAL4 corner = convert_REAL4(vload4(i, position)), own = carried(g, D, sigma_a, sigma_s, i);
     const int cut = cut_index[i];
     REAL4 sum = (REAL4)(0);
     for (int f = 0; f < 6; f++) {
@@ -56,36 +63,38 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL4 light, MEDIU
         if (j < n) {
             const int c = cut_index[j];
             area = face_between(f >> 1, up ? cut : c, up ? c : cut, centroid, aperture, face_centroid).area;
-            other = albedo(sigma_a, sigma_s, j);
+            other = carried(g, D, sigma_a, sigma_s, j);
         } else {
-            other = albedo(sigma_a_coarse, sigma_s_coarse, parent[j]);
+            other = carried(g, D_coarse, sigma_a_coarse, sigma_s_coarse, parent[j]);
         }
         sum -= area * outward(light, corner, 1, f) * (own + other) / 2 * log_mean(F[i], F[j]);
     }
     if (cut >= 0) {
         REAL4 p = corner + boundary[cut];
         p.w = 0;
-        sum += dot(beam_at(light, p).towards.xyz, normal[cut].xyz) * own * F_B[cut];
+        sum += dot(beam_at(light, p).towards.xyz, normal[cut].xyz) * albedo(sigma_a, sigma_s, i) * F_B[cut];
     }
     Q[i] += h * h * sum;
 }
 
 /* Q on the leaves of a coarser level, but for the faces to finer cells. */
 // cost deposit_coarse: 70R+60 B, 200 flop
-__kernel void deposit_coarse(const int n, const REAL h, const int depth, const REAL4 light, MEDIUM sigma_a,
-                             MEDIUM sigma_s, MEDIUM sigma_a_coarse, MEDIUM sigma_s_coarse,
+__kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int depth, const REAL4 light, MEDIUM D,
+                             MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_a_coarse,
+                             MEDIUM sigma_s_coarse,
                              __global const int *restrict position, __global const int *restrict nbr,
                              __global const int *restrict parent, __global const uchar *restrict is_leaf,
                              __global const REAL4 *restrict F, __global REAL4 *restrict Q) {
     const int i = get_global_id(0);
     if (i >= n || !is_leaf[i]) return;
     const REAL width = 1 << depth;
-    const REAL4 corner = width * convert_REAL4(vload4(i, position)), own = albedo(sigma_a, sigma_s, i);
+    const REAL4 corner = width * convert_REAL4(vload4(i, position)), own = carried(g, D, sigma_a, sigma_s, i);
     REAL4 sum = (REAL4)(0);
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
         if (j == i || (j < n && !is_leaf[j])) continue;
-        const REAL4 other = j < n ? albedo(sigma_a, sigma_s, j) : albedo(sigma_a_coarse, sigma_s_coarse, parent[j]);
+        const REAL4 other = j < n ? carried(g, D, sigma_a, sigma_s, j)
+                                  : carried(g, D_coarse, sigma_a_coarse, sigma_s_coarse, parent[j]);
         sum -= outward(light, corner, width, f) * (own + other) / 2 * log_mean(F[i], F[j]);
     }
     Q[i] += h * h * sum;
@@ -93,9 +102,9 @@ __kernel void deposit_coarse(const int n, const REAL h, const int depth, const R
 
 /* The faces to finer cells: what leaves those enters here. */
 // cost deposit_interface: 70R+60 B, 200 flop
-__kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine, const int depth_fine,
-                                const REAL4 light, MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM sigma_a_fine,
-                                MEDIUM sigma_s_fine, __global const int *restrict interface,
+__kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine, const REAL g, const int depth_fine,
+                                const REAL4 light, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_fine,
+                                MEDIUM sigma_a_fine, MEDIUM sigma_s_fine, __global const int *restrict interface,
                                 __global const int *restrict interface_start, __global const int *restrict ghost_face,
                                 __global const int *restrict position_fine, __global const REAL4 *restrict F_fine,
                                 __global REAL4 *restrict Q) {
@@ -106,15 +115,17 @@ __kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine
     for (int k = interface_start[m]; k < interface_start[m + 1]; k++) {
         const int i = ghost_face[k] / 6, f = ghost_face[k] % 6;
         const REAL4 corner = width * convert_REAL4(vload4(i, position_fine));
-        const REAL4 a = (albedo(sigma_a_fine, sigma_s_fine, i) + albedo(sigma_a, sigma_s, interface[m])) / 2;
+        const REAL4 a = (carried(g, D_fine, sigma_a_fine, sigma_s_fine, i) +
+                         carried(g, D, sigma_a, sigma_s, interface[m])) / 2;
         sum += outward(light, corner, width, f) * a * log_mean(F_fine[i], F_fine[n_fine + k]);
     }
     Q[interface[m]] += h_fine * h_fine * sum;
 }
 
-/* First moment of the source between centroid and surface, r_B = (d/D) a (-omega . n) (F_B - LM(F_B, F_i)). */
+/* First moment of the source between centroid and surface,
+ *     r_B = (d/D) (-omega . n) (a (F_B - LM(F_B, F_i)) - 3 D g sigma_s LM(F_B, F_i)). */
 // cost moment: 30R+8 B, 60 flop
-__kernel void moment(const int n, const REAL h, const REAL4 light, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s,
+__kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s,
                      __global const int *restrict position, __global const int *restrict cut_cell,
                      __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                      __global const REAL4 *restrict normal, __global const REAL4 *restrict F_B,
@@ -126,8 +137,9 @@ __kernel void moment(const int n, const REAL h, const REAL4 light, MEDIUM D, MED
     REAL4 p = convert_REAL4(vload4(i, position)) + boundary[c];
     p.w = 0;
     const REAL d = h * depth_below(centroid[c], boundary[c], nrm, 0.05);
-    r_B[c] += d / AT(D, i) * albedo(sigma_a, sigma_s, i) * dot(beam_at(light, p).towards.xyz, nrm.xyz) *
-              (F_B[c] - log_mean(F_B[c], F[i]));
+    const REAL4 mean = log_mean(F_B[c], F[i]);
+    r_B[c] += d / AT(D, i) * dot(beam_at(light, p).towards.xyz, nrm.xyz) *
+              (albedo(sigma_a, sigma_s, i) * (F_B[c] - mean) - 3 * g * AT(D, i) * AT(sigma_s, i) * mean);
 }
 
 /* Right-hand side in the operator's scale, b = Q, less C_B r_B at the boundary. */
