@@ -197,14 +197,15 @@ def dipole(
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     lit = entering(mesh, coarse.mean(axis=1), normals, material.eta, lights, progress)
     pieces, parent = refine(coarse, spacing)
-    places, area, lit = pieces.mean(axis=1), areas(pieces), lit[parent]
+    centre = mesh.bounds.mean(axis=0)  # single precision is for the distances
+    places, area, lit = pieces.mean(axis=1) - centre, areas(pieces), lit[parent]
     device = device or Device(precision="single")
     columns = [v for p in both for v in (p.depth, p.strength, p.offset)]
     shape = [device.vector(v) for v in (sigma, *columns)]
     used = np.flatnonzero(np.any(mesh.normals != 0, axis=1))
     out = np.zeros((len(mesh.vertices), 3))
     sums = _tree if hierarchical else _pairs
-    out[used] = sums(device, shape, places, area, area[:, None] * lit, mesh.vertices[used], progress)
+    out[used] = sums(device, shape, places, area, area[:, None] * lit, mesh.vertices[used] - centre, progress)
     return out
 
 

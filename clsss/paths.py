@@ -72,12 +72,12 @@ def trace(
         How.
     """
     device, n, channels = scene.device, len(place), scene.n_channels
-    margin = 0.01 * float(np.max(scene.high - scene.low))
     lights = _choice(scene, sources)
-    starts = device.array(place), device.array(scene.places[triangle])
+    starts = device.array(place - scene.centre), device.array(scene.places[triangle])
     counters = device.zeros(2, np.uint32)
     shape = n, channels, len(sources.place), walk.cap, walk.seed, int(walk.reenter)
-    box = device.vector(scene.low - margin), device.vector(scene.high + margin)
+    half = scene.half + 0.02 * scene.half.max()
+    box = device.vector(-half), device.vector(half)
     given = (*shape, *box, *scene.surface, *scene.medium, *lights, *starts)
     kernel, block = device.kernel("paths", "paths", *scene.defines), n * channels
     sums = np.zeros((len(QUANTITIES), 2, block))
@@ -105,4 +105,4 @@ def _choice(scene: Scene, sources: Sources) -> tuple[Buffer, ...]:
     chance = (scene.strength / falloff).mean(axis=1)
     chance /= chance.sum()
     weight = scene.strength / np.maximum(chance, np.finfo(float).tiny)[:, None]
-    return tuple(scene.device.array(v) for v in (sources.place, weight, np.cumsum(chance)))
+    return scene.lights, scene.device.array(weight), scene.device.array(np.cumsum(chance))

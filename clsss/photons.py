@@ -70,7 +70,7 @@ def trace(
     bins = np.full(scene.n_places, -1, np.int32)
     bins[scene.places] = owner
     shape = channels, lights.count, n, walk.cap, walk.seed, int(walk.reenter), float(eta)
-    sphere = device.vector([*scene.centre, scene.radius])
+    sphere = device.vector([0, 0, 0, scene.radius])
     given = (*shape, sphere, *scene.surface, *scene.medium, *lights.buffers, device.array(bins))
     kernel = device.kernel("photons", "photons", *scene.defines)
     scores = device.empty((channels, n, 2, 2), np.uint32)
@@ -132,8 +132,8 @@ def launched(scene: Scene, sources: Sources, mesh: Mesh) -> Launched:
     unit = weight.max(axis=0)
     inside = np.zeros(len(apart), np.int32)
     inside[sources.lamps] = contains(mesh, sources.place[sources.lamps, :3])
-    buffers = tuple(scene.device.array(v) for v in (sources.place, inside, weight / unit, np.cumsum(chance)))
-    return Launched(len(apart), buffers, unit)
+    buffers = (scene.device.array(v) for v in (inside, weight / unit, np.cumsum(chance)))
+    return Launched(len(apart), (scene.lights, *buffers), unit)
 
 
 def _words(sums: np.ndarray) -> np.ndarray:

@@ -84,8 +84,9 @@ class Scene:
 
     Attributes
     ----------
-    low, high : (3,) float64
-        Corners of the bounding box [mm].
+    centre, half : (3,) float64
+        Centre and half the extent of the bounding box [mm]. On the device lengths count from the centre, so
+        that single precision is not spent on how far the object is from the origin.
     radius : float
         Of the sphere about the box's centre that holds everything [mm].
     channel : (3,) int
@@ -101,8 +102,8 @@ class Scene:
     """
 
     device: Device
-    low: np.ndarray
-    high: np.ndarray
+    centre: np.ndarray
+    half: np.ndarray
     radius: float
     channel: np.ndarray
     scale: np.ndarray
@@ -120,11 +121,7 @@ class Scene:
     grid: Buffer
     boxes: Buffer
     triangles: Buffer
-
-    @property
-    def centre(self) -> np.ndarray:
-        """Centre (3,) of the bounding box [mm]."""
-        return (self.low + self.high) / 2
+    lights: Buffer
 
     @property
     def n_channels(self) -> int:
@@ -148,9 +145,12 @@ class Scene:
 
 def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: Device) -> Scene:
     """Build the tree of boxes, sample the medium, copy both to the device."""
-    tree = build(triangles)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     values, spacing = _sampled(medium, low, high)
+    centre = (low + high) / 2
+    triangles = triangles - centre
+    lights = sources.place - np.where(sources.lamps[:, None], [*centre, 0], 0)
+    tree = build(triangles)
     places = np.unique(tree.order, return_index=True)[1]
     placed = np.repeat(triangles[tree.order][:, :1], 3, axis=1)  # second copies shrink to a point: never hit
     placed[places] = triangles
@@ -161,9 +161,9 @@ def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: 
     size_z, size_y, size_x = values.shape[1:4]
     return Scene(
         device=device,
-        low=low,
-        high=high,
-        radius=float(np.linalg.norm(triangles - (low + high) / 2, axis=2).max()) * (1 + 1e-5),
+        centre=centre,
+        half=(high - low) / 2,
+        radius=float(np.linalg.norm(triangles, axis=2).max()) * (1 + 1e-5),
         channel=channel,
         scale=scale,
         strength=strength[:, chosen],
@@ -173,13 +173,14 @@ def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: 
         n_leaves=tree.n_leaves,
         g=float(medium.g),
         nodes=(size_x, size_y, size_z, size_x * size_y * size_z),
-        origin=device.vector(low),
+        origin=device.vector(low - centre),
         inverse_spacing=device.vector(1 / spacing),
         defines=() if medium.homogeneous else ("HETEROGENEOUS",),
         majorant=device.array(values.sum(axis=-1).reshape(len(values), -1).max(axis=1)),
         grid=device.array(values),
         boxes=device.array(tree.boxes),
         triangles=device.array(placed),
+        lights=device.array(lights),
     )
 
 

@@ -227,6 +227,21 @@ def test_seed_fixes_the_result():
     assert not np.allclose(first.radiosity, other.radiosity)
 
 
+def test_far_from_the_origin_is_as_good():
+    shift = np.array([3e4, -2e4, 1e4])
+    body = trimesh.creation.icosphere(3, 5.0)
+    far = load_mesh(body.copy().apply_translation(shift))
+    lamp = PointLight((9, 0, 3), (9, 5, 1))
+    there = [DOWN, PointLight(lamp.position + shift, lamp.intensity)]
+    medium = Material(0.1, 1.0)
+    np.testing.assert_allclose(dipole(far, medium, there), dipole(ball(), medium, [DOWN, lamp]), rtol=1e-3)
+    for forward in (True, False):
+        e = estimate(far, medium, there, 30, forward=forward)
+        near = estimate(ball(), medium, [DOWN, lamp], 30, forward=forward)
+        assert e.lost < 1e-4
+        np.testing.assert_allclose(e.radiosity.sum(axis=0), near.radiosity.sum(axis=0), rtol=0.05)
+
+
 def test_channels_are_independent():
     points, n = ball().vertices[::50], 50
     both = estimate(ball(), Material((0.1, 0.1, 1.0), 1.0), [DirectionalLight((0, 0, -1), (1, 2, 3))], n, points)
