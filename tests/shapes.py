@@ -28,10 +28,10 @@ def solid(triangles: np.ndarray, closed: bool = True) -> Mesh:
     return Mesh(vertices, faces, np.repeat(normals, 3, axis=0), vertices[faces], closed, report, "solid")
 
 
-def sphere_triangles(radius: float = 10.0, subdivisions: int = 5) -> np.ndarray:
+def sphere_triangles(radius: float = 10.0, subdivisions: int = 5, centre: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
     """A geodesic sphere with the volume of the round one."""
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions)
-    return mesh.triangles * radius * (4 / 3 * np.pi / mesh.volume) ** (1 / 3)
+    return mesh.triangles * radius * (4 / 3 * np.pi / mesh.volume) ** (1 / 3) + np.asarray(centre)
 
 
 def sphere(radius: float = 10.0, subdivisions: int = 5) -> Mesh:
@@ -123,6 +123,7 @@ def solve(device: Device, mesh: Mesh, medium: Any, lights: list[Any], resolution
     return Solved(tree, convergence, phi, phi_B)
 
 
-def relative_rms(value: np.ndarray, exact: np.ndarray, weight: Any = 1.0) -> float:
-    """Weighted 2-norm of the error over that of the exact values."""
-    return float(np.sqrt(np.sum(weight * (value - exact) ** 2) / np.sum(weight * np.asarray(exact) ** 2)))
+def relative_rms(value: np.ndarray, exact: Any, weight: Any = 1.0) -> float:
+    """Weighted 2-norm of the error over that of the exact values (or one for all)."""
+    exact = np.broadcast_to(exact, value.shape)
+    return float(np.sqrt(np.sum(weight * (value - exact) ** 2) / np.sum(weight * exact**2)))

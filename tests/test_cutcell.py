@@ -134,7 +134,8 @@ def test_sphere_volume_and_area_have_order_two(double):
 def test_plate_keeps_its_volume(device, thickness):
     """Half-cell samples: a plate of 1.5 cells loses nothing of its thickness."""
     extents = np.array([20.0, 20.0, thickness * 20 / 32])
-    tree = build_tree(device, box(extents, ROTATION), round(32 * np.ptp(box(extents, ROTATION).bounds, axis=0).max() / 20))
+    plate = box(extents, ROTATION)
+    tree = build_tree(device, plate, round(32 * plate.size / 20))
     assert volume(tree) == pytest.approx(np.prod(extents), rel=0.02)
 
 
@@ -157,7 +158,7 @@ def test_scale_and_place_do_not_matter(double):
 
 
 def ball(radius=10.0, x=0.0):
-    return sphere_triangles(radius, 3) + [x, x / 8, 0]
+    return sphere_triangles(radius, 3, (x, x / 8, 0))
 
 
 def flipped(triangles):
@@ -196,7 +197,8 @@ def test_inside_is_where_the_winding_number_exceeds_a_half(device, odd_triangles
 
 def distance_to(point, triangles):
     """Distance of a point to the nearest of triangles (m, 3, 3)."""
-    return np.linalg.norm(trimesh.triangles.closest_point(triangles, np.tile(point, (len(triangles), 1))) - point, axis=1).min()
+    nearest = trimesh.triangles.closest_point(triangles, np.tile(point, (len(triangles), 1)))
+    return np.linalg.norm(nearest - point, axis=1).min()
 
 
 @pytest.mark.parametrize("closed", [True, False], ids=["crossings", "solid-angles"])

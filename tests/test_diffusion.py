@@ -152,7 +152,8 @@ class Dense:
         self.index = {tuple(p): i for i, p in enumerate(self.ijk)}
         n, cut = len(self.ijk), tree.cut.cell.get()
         self.centroid, self.kappa = np.full((n, 3), 0.5), np.ones(n)
-        self.centroid[cut], self.kappa[cut] = np.split(tree.cut.centroid.get(), [3], axis=1)[0], tree.cut.centroid.get()[:, 3]
+        moments = tree.cut.centroid.get()
+        self.centroid[cut], self.kappa[cut] = moments[:, :3], moments[:, 3]
         self.cut = {int(cell): k for k, cell in enumerate(cut)}
         self.boundary, self.normal = tree.cut.boundary.get(), tree.cut.normal.get()[:, :3]
         self.normal = self.normal / np.linalg.norm(self.normal, axis=1, keepdims=True)

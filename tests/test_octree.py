@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import ndimage
-from shapes import ROTATION, box, box_triangles, build_tree, hollow_sphere, merge_all, solid, sphere, sphere_triangles, torus
+from shapes import ROTATION, box, build_tree, hollow_sphere, merge_all, solid, sphere, sphere_triangles, torus
 
 from clsss import diffusion
 
@@ -14,7 +14,7 @@ STEPS = np.array([(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 
 
 def disjoint_bodies():
     """A large sphere, a small one and a speck, far apart."""
-    parts = [sphere_triangles(8) - [12, 0, 0], sphere_triangles(3, 4) + [10, 6, 2], sphere_triangles(0.4, 2) + [12, -8, 0]]
+    parts = [sphere_triangles(*part) for part in ((8, 5, (-12, 0, 0)), (3, 4, (10, 6, 2)), (0.4, 2, (12, -8, 0)))]
     return solid(np.concatenate(parts))
 
 

@@ -51,7 +51,7 @@ def test_beer_lambert_in_a_slab(device, eps, sigma_h):
     resolution = 48
     sigma = sigma_h * resolution / 16 * np.array([1.0, 0.5, 0.1])
     medium = Material(0.1 * sigma, 0.9 * sigma)
-    tree, points, F = lit(device, slab(), resolution, medium, DirectionalLight((0, 0, -1)))
+    _, points, F = lit(device, slab(), resolution, medium, DirectionalLight((0, 0, -1)))
     middle = in_the_middle(points)
     depth = TOP - points[middle, 2:]
     np.testing.assert_allclose(F[middle], np.exp(-sigma * depth), rtol=2e3 * eps * (1 + sigma_h), atol=1e-30)
@@ -197,9 +197,8 @@ def test_lights_add_up(double):
 def test_unit_scales_the_right_hand_side_only(double):
     medium = Material(0.1, 0.9)
     tree = build_tree(double, sphere(), 16)
-    one, other = (
-        make_source(double, tree, coefficients(double, tree, medium), list(LIGHTS.values()), unit) for unit in (1.0, 8.0)
-    )
+    medium = coefficients(double, tree, medium)
+    one, other = (make_source(double, tree, medium, list(LIGHTS.values()), unit) for unit in (1.0, 8.0))
     np.testing.assert_allclose(one.deposited, other.deposited, rtol=1e-12)
     np.testing.assert_allclose(one.b[-1].get(), 8 * other.b[-1].get(), rtol=1e-12)
 

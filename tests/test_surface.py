@@ -13,7 +13,7 @@ from clsss.surface import boundary_points, fluence_at
 def smooth(directions):
     """A smooth field on the unit sphere, one per channel."""
     x, y, z = directions.T
-    return np.stack([2 + np.sin(3 * x) * np.cos(2 * y), 1 + x * y + z, np.exp(z) + y], axis=1)
+    return np.stack([2 + np.sin(3 * x) * np.cos(2 * y), 3 + x * y + z, np.exp(z) + y + 1], axis=1)
 
 
 def boundary_field(device, tree, function):
@@ -52,11 +52,11 @@ def test_constants_are_kept(device, eps):
 def test_linear_fields_on_a_plane_are_nearly_exact(double):
     """Only the fit's ridge is left, a small part of the slope over a cell."""
     tree = build_tree(double, box((20, 20, 8), ROTATION), 48)
-    phi_B = boundary_field(double, tree, lambda points: (5 + points @ ROTATION[:, :1]) * np.ones(3))
+    phi_B = boundary_field(double, tree, lambda points: (10 + points @ ROTATION[:, :1]) * np.ones(3))
     local = np.random.default_rng(8).uniform(-6, 6, (200, 3))
     local[:, 2] = 4
     found = fluence_at(double, tree, phi_B, local @ ROTATION.T, np.tile(ROTATION[:, 2], (200, 1)))
-    np.testing.assert_allclose(found[:, 0], 5 + local[:, 0], atol=1e-3 * tree.grid.h)
+    np.testing.assert_allclose(found[:, 0], 10 + local[:, 0], atol=1e-3 * tree.grid.h)
 
 
 @pytest.mark.parametrize("cells", [1.2, 2.0, 4.0])
@@ -80,6 +80,14 @@ def test_points_far_from_the_surface_get_the_nearest_value(device):
     for distance in (5.0, 30.0, 1e6):
         found = fluence_at(device, tree, phi_B, distance * directions)
         np.testing.assert_allclose(found, smooth(directions), atol=0.5)
+
+
+def test_values_are_never_negative(device):
+    """Next to a shadow's edge a fitted plane would run below zero."""
+    mesh = sphere()
+    tree = build_tree(device, mesh, 24)
+    phi_B = boundary_field(device, tree, lambda points: (points[:, 2:] > 0) * np.ones(3))
+    assert fluence_at(device, tree, phi_B, mesh.vertices).min() >= 0
 
 
 def test_zero_normals_are_those_of_the_nearest_cell(double):
