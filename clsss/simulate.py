@@ -11,19 +11,17 @@ from typing import Any
 import numpy as np
 
 from clsss import __version__, cutcell, diffusion, octree
+from clsss.arguments import check, check_memory, checked_lights, checked_points
 from clsss.device import open_device
-from clsss.diffusion import PHASES
-from clsss.errors import DeviceError, InputError
+from clsss.errors import InputError
 from clsss.exchange import trace_exchange
 from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
-from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import fresnel_A
 from clsss.mesh import Mesh, RayCaster, contains
 from clsss.multigrid import Multigrid
 from clsss.surface import fluence_at
 
 STAGES = ("device", "cut cells", "octree", "exchange", "source", "solve", "surface")
-BYTES_PER_CELL = 420  # host and device together, measured on bakes of 0.1 to 3 million cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +52,12 @@ class Result:
     def radiosity(self, points: Any) -> np.ndarray:
         """Radiosity (n, 3) [W/mm^2] at points (n, 3) on or near the surface [mm]."""
         scene, solution = self._scene, self._solution
-        return fluence_at(scene.device, scene.octree, solution.exitance, _points(points)) * solution.unit
+        values = fluence_at(scene.device, scene.octree, solution.exitance, checked_points(points))
+        return np.maximum(values, 0) * solution.unit  # next to a shadow the fit may run below zero
 
     def fluence(self, points: Any) -> np.ndarray:
         """Fluence (n, 3) of the scattered light [W/mm^2] at points (n, 3) inside [mm]; NaN outside."""
-        points = _points(points)
+        points = checked_points(points)
         out = np.full((len(points), 3), np.nan)
         inside = contains(self.mesh, points)
         out[inside] = interpolate(self._scene, self._solution, points[inside])
@@ -66,9 +65,9 @@ class Result:
 
     def relight(self, lights: Sequence[Any], progress: bool | Progress | None = None) -> Result:
         """The same object under other lights: only source and solve are redone, from the last solution."""
-        start = perf_counter()
+        start, found = perf_counter(), checked_lights(lights)
         seconds = {"load": 0.0, **dict.fromkeys(STAGES, 0.0)}
-        return _bake(self._scene, self.medium, _checked(lights), self._solution, seconds, start, _reporter(progress))
+        return _bake(self._scene, self.medium, found, self._solution, seconds, start, _reporter(progress))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save by suffix: .glb .ply .obj .npz .vtu; written to a temporary name, then moved."""
@@ -121,14 +120,9 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         The machine cannot do it: no device, not enough memory.
     """
     start = perf_counter()
-    lights = _checked(lights)
-    if isinstance(resolution, bool) or resolution != int(resolution) or resolution < 4:
-        raise InputError(f"resolution: needs a whole number of at least 4 cells, got {resolution}")
-    if not 0 < tolerance < 1:
-        raise InputError(f"tolerance: needs a number between 0 and 1, got {tolerance}")
-    if phase not in PHASES:
-        raise InputError(f"phase: unknown value {phase!r}; use {', '.join(PHASES)}")
-    _check_memory(mesh, int(resolution))
+    lights = checked_lights(lights)
+    check(mesh, medium, resolution, tolerance, phase, blockers)
+    check_memory(mesh, int(resolution))
     tell = _reporter(progress)
     seconds = {"load": float(mesh.report.get("seconds", 0.0)), **dict.fromkeys(STAGES, 0.0)}
     with timed("device", seconds, tell):
@@ -162,7 +156,7 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
     mesh = scene.mesh
     with timed("surface", seconds, tell):
         radiosity, fluence = (
-            fluence_at(scene.device, scene.octree, values, mesh.vertices, mesh.normals) * solution.unit
+            np.maximum(fluence_at(scene.device, scene.octree, values, mesh.vertices, mesh.normals), 0) * solution.unit
             for values in (solution.exitance, solution.fluence)
         )
     seconds["total"] = seconds["load"] + perf_counter() - start
@@ -222,47 +216,6 @@ def _criteria(medium: Any) -> octree.Refine:
         return sigma_a + (1 - medium.g) * sigma_s
 
     return octree.varies(sigma_tr, medium.homogeneous)
-
-
-def _checked(lights: Sequence[Any]) -> tuple[Any, ...]:
-    kinds = (DirectionalLight, PointLight, EnvironmentLight, Emission)
-    lights = tuple(lights) if isinstance(lights, (list, tuple)) else (lights,)
-    if not lights:
-        raise InputError("lights: give at least one light")
-    for given in lights:
-        if not isinstance(given, kinds):
-            names = ", ".join(kind.__name__ for kind in kinds)
-            raise InputError(f"lights: {given!r} is no light; use {names}")
-    return lights
-
-
-def _check_memory(mesh: Mesh, resolution: int) -> None:
-    """Refuse what cannot fit before anything is allocated."""
-    triangles = mesh.triangles - mesh.bounds.mean(axis=0)
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    normal = np.cross(b - a, c - a)
-    volume, area = abs((a * normal).sum() / 6), np.linalg.norm(normal, axis=1).sum() / 2
-    box = np.prod(np.ptp(mesh.bounds, axis=0) / mesh.size + 8 / resolution)
-    h = mesh.size / resolution
-    cells = min(volume / h**3, 12 * area / h**2) + 2 * area / h**2
-    needed = BYTES_PER_CELL * cells + 6 * box * resolution**3
-    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    with open("/proc/meminfo") as lines:
-        available = [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")]
-    free = max([free, *available])
-    if needed > free:
-        largest = int(resolution * np.sqrt(free / needed) * 0.95)
-        raise DeviceError(
-            f"resolution {resolution} needs about {needed / 2**30:.1f} GB of memory and {free / 2**30:.1f} GB are "
-            f"free; use {largest} or less"
-        )
-
-
-def _points(points: Any) -> np.ndarray:
-    array = np.asarray(points, float)
-    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-        raise InputError(f"points: needs finite numbers of shape (n, 3), got shape {array.shape}")
-    return array
 
 
 def _reporter(progress: bool | Progress | None) -> Progress:

@@ -65,11 +65,13 @@ class Beams:
     device : Device
     octree : Octree
     medium : Coefficients
-    blockers : RayCaster or None
+    blockers : RayCaster, optional
         Opaque bodies in front of the lights.
     """
 
-    def __init__(self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None):
+    def __init__(
+        self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None = None
+    ):
         self.blockers, self._points = blockers, cell_points(octree) if blockers else []
         self.device, self.octree, self.medium = device, octree, medium
         n_cut = octree.cut.n

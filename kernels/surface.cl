@@ -56,5 +56,5 @@ __kernel void fit_at_points(const int n, const REAL radius, const int4 dims, __g
         const REAL4 u = r1 - s * r0, w = r2 - t * r0;
         mean -= s * (d * u - b * w) / det + t * (a * w - b * u) / det;
     }
-    value[v] = fmax(mean, (REAL4)(0)); /* next to a shadow a line may run below zero */
+    value[v] = mean;
 }

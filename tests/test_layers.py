@@ -36,7 +36,7 @@ LAYERS = {
     2: ["octree"],
     3: ["diffusion"],
     3.1: ["source"],
-    4: ["multigrid", "surface"],
+    4: ["arguments", "multigrid", "surface"],
     4.1: ["exchange"],
     4.2: ["lighting"],
     5: ["simulate"],
