@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -28,10 +27,10 @@ def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, b
         raise InputError(f"mesh: needs a mesh from clsss.load_mesh, got {mesh!r}")
     if not hasattr(medium, "coefficients"):
         raise InputError(f"medium: needs a Material, Mix or Grid (clsss.material('marble') is one), got {medium!r}")
-    whole = isinstance(resolution, Real) and not isinstance(resolution, bool) and np.isfinite(resolution)
-    if not whole or resolution != int(resolution) or resolution < 4:
+    whole = isinstance(resolution, (int, float, np.number)) and not isinstance(resolution, bool)
+    if not whole or not np.isfinite(resolution) or resolution != int(resolution) or resolution < 4:
         raise InputError(f"resolution: needs a whole number of at least 4 cells, got {resolution!r}")
-    if not isinstance(tolerance, Real) or not 0 < tolerance < 1:
+    if not isinstance(tolerance, (float, np.floating)) or not 0 < tolerance < 1:
         raise InputError(f"tolerance: needs a number between 0 and 1, got {tolerance!r}")
     if phase not in PHASES:
         raise InputError(f"phase: unknown value {phase!r}; use {', '.join(PHASES)}")
@@ -69,7 +68,7 @@ def checked_points(points: Any) -> np.ndarray:
     try:
         array = np.asarray(points, float)
     except (TypeError, ValueError):
-        raise InputError(f"points: needs numbers of shape (n, 3), got {points!r}") from None
+        raise InputError(f"points: needs finite numbers of shape (n, 3), got {points!r}") from None
     if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
         raise InputError(f"points: needs finite numbers of shape (n, 3), got shape {array.shape}")
     return array
