@@ -22,6 +22,7 @@ from clsss.materials import Material, fresnel_transmittance, material
 from clsss.media import Mix, Perlin
 from clsss.mesh import Mesh, load_mesh
 from clsss.montecarlo import estimate
+from clsss.pointtree import LEAF, octree
 from clsss.reference import monte_carlo
 from clsss.refine import areas, refine
 
@@ -71,6 +72,20 @@ def test_tree_holds_every_triangle_within_its_boxes(m):
     for child in range(2, len(tree.boxes)):
         assert np.all(low[child // 2] <= low[child])
         assert np.all(high[child // 2] >= high[child])
+
+
+def test_octree_walk_meets_every_point_once():
+    places = np.random.default_rng(0).normal(size=(3000, 3))
+    tree = octree(places)
+    assert sorted(tree.order) == list(range(3000))
+    size = tree.end - tree.start
+    assert size[tree.leaf].sum() == 3000
+    assert size[tree.leaf].max() <= LEAF
+    assert tree.skip[0] == len(tree.start)
+    np.testing.assert_allclose(tree.sums(places[tree.order])[0], places.sum(axis=0))
+    for node in range(0, len(tree.start), 97):
+        inside = places[tree.order[tree.start[node] : tree.end[node]]]
+        assert np.linalg.norm(np.ptp(inside, axis=0)) <= 2 * tree.half_diagonal[node] + 1e-9
 
 
 def test_refined_triangles_cover_the_same_surface():
