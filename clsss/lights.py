@@ -188,15 +188,10 @@ def _pixels(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     power = fine * ((z[:-1] - z[1:]) * (2 * np.pi / columns))[:, None, None]
     luminous = power.sum(axis=2)
     across = np.sin(polar)[:, None] * luminous
-    moment = np.stack(
-        [across * np.sin(azimuth), across * np.cos(azimuth), np.cos(polar)[:, None] * luminous], axis=2
-    )
+    moment = np.stack([across * np.sin(azimuth), across * np.cos(azimuth), np.cos(polar)[:, None] * luminous], axis=2)
 
     def reduce(values: np.ndarray) -> np.ndarray:
-        starts = [
-            np.unique(np.linspace(0, s, m, endpoint=False).astype(int))
-            for s, m in ((rows, 256), (columns, 512))
-        ]
+        starts = [np.unique(np.linspace(0, s, m, endpoint=False).astype(int)) for s, m in ((rows, 256), (columns, 512))]
         return np.add.reduceat(np.add.reduceat(values, starts[0], axis=0), starts[1], axis=1)
 
     return reduce(power), reduce(moment)

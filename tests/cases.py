@@ -60,9 +60,7 @@ class Diffusing:
         return sigma_a, 1 / (3 * self.D(points))[:, None] - sigma_a
 
 
-def uniform_source(
-    radius: float = 10.0, sigma_a: float = 0.01, sigma_s: float = 1.0, eta: float = 1.37
-) -> Case:
+def uniform_source(radius: float = 10.0, sigma_a: float = 0.01, sigma_s: float = 1.0, eta: float = 1.37) -> Case:
     """Sphere with q0 = 1 everywhere: phi = (1 - c sinh(k r) / r) / sigma_a."""
     exact = sphere(radius, sigma_a, sigma_s, fresnel_A(eta), q0=1.0)
     return Case(
@@ -111,9 +109,7 @@ def layered(eta: float = 1.37) -> Case:
     def source(points: Points) -> np.ndarray:
         return pick(q0, points)
 
-    return Case(
-        "layered", 10.0, Layers(eta), [Emission(source)], lambda p: exact(np.linalg.norm(p, axis=1)), source
-    )
+    return Case("layered", 10.0, Layers(eta), [Emission(source)], lambda p: exact(np.linalg.norm(p, axis=1)), source)
 
 
 def manufactured(

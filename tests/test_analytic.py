@@ -112,9 +112,7 @@ def test_layered_sphere(q0):
         assert np.abs(-D[i] * laplace + sigma_a[i] * phi(r) - q0[i]).max() < 1e-5 * scale
         absorbed += quadrature(lambda x, i=i: 4 * np.pi * x**2 * sigma_a[i] * phi(x), r0, r1)
     assert phi(5 - 1e-9) == pytest.approx(phi(5 + 1e-9), rel=1e-7)
-    left, right = (
-        np.array([s * first_derivative(phi, 5 + t, 1e-4)]) for s, t in ((D[0], -3e-4), (D[1], 3e-4))
-    )
+    left, right = (np.array([s * first_derivative(phi, 5 + t, 1e-4)]) for s, t in ((D[0], -3e-4), (D[1], 3e-4)))
     np.testing.assert_allclose(left, right, rtol=2e-3)
     total = power + sum(q * 4 / 3 * np.pi * (b**3 - a**3) for q, a, b in zip(q0, (0, 5), (5, R), strict=True))
     assert absorbed + 4 * np.pi * R**2 * phi(R) / (2 * A) == pytest.approx(total, rel=1e-8)
@@ -168,9 +166,7 @@ def test_case_solves_its_equation(make):
         return -case.D(p) * (case.phi(p + e) - case.phi(p - e)) / (2 * h)
 
     h = 1e-2
-    divergence = sum(
-        (flux(points + h * e, i) - flux(points - h * e, i)) / (2 * h) for i, e in enumerate(np.eye(3))
-    )
+    divergence = sum((flux(points + h * e, i) - flux(points - h * e, i)) / (2 * h) for i, e in enumerate(np.eye(3)))
     left = divergence + case.sigma_a(points) * case.phi(points)
     np.testing.assert_allclose(left, case.q0(points), rtol=2e-4)
     assert case.q0(points).min() >= 0
@@ -195,9 +191,7 @@ def test_agrees_with_independent_formulas():
     spec.loader.exec_module(truth)
     z, r, c = np.linspace(0, 19.9, 40), np.linspace(0.5, R, 20), np.linspace(-1, 1, 11)
     layers = [5.0, 15.0], [0.02, 0.005], [10.0, 20.0], [0.9, 0.8]
-    np.testing.assert_allclose(
-        slab(*layers, A, "p1").phi(z), truth.slab_layers(*layers, A)["phi"](z), rtol=1e-10
-    )
+    np.testing.assert_allclose(slab(*layers, A, "p1").phi(z), truth.slab_layers(*layers, A)["phi"](z), rtol=1e-10)
     np.testing.assert_allclose(
         half_space(r, 2.0, 1.0, 0.01, 1.0, A), truth.halfspace_point(r, 2.0, 1.0, 0.01, 1.0, A), rtol=1e-9
     )

@@ -34,9 +34,7 @@ def test_boundary_constant(eta, A):
 def test_moments_against_adaptive_quadrature(eta):
     critical = [np.sqrt(1 - 1 / eta**2)] if eta > 1 else None
     for moment, n in zip(fresnel_moments(eta), (1, 2), strict=True):
-        exact = quad(
-            lambda mu, n=n: (n + 1) * mu**n * fresnel_reflectance(mu, eta), 0, 1, points=critical, limit=300
-        )
+        exact = quad(lambda mu, n=n: (n + 1) * mu**n * fresnel_reflectance(mu, eta), 0, 1, points=critical, limit=300)
         assert moment == pytest.approx(exact[0], abs=1e-7)
 
 
@@ -45,9 +43,7 @@ def test_fresnel_limits_and_reciprocity():
     np.testing.assert_allclose(fresnel_transmittance([0.0, 0.3, 1.0], 1.0), 1)
     cos_o = np.linspace(0.05, 1, 9)
     cos_i = np.sqrt(1 - (1 - cos_o**2) / 1.5**2)
-    np.testing.assert_allclose(
-        1 - fresnel_transmittance(cos_o, 1.5), fresnel_reflectance(cos_i, 1.5), atol=1e-14
-    )
+    np.testing.assert_allclose(1 - fresnel_transmittance(cos_o, 1.5), fresnel_reflectance(cos_i, 1.5), atol=1e-14)
 
 
 def test_derived_coefficients():
