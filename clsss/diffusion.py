@@ -223,7 +223,7 @@ class Residual:
             octree.block, octree.brick, finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary,
             cut.normal, op.inverse, phi[-1], op.slope)  # fmt: skip
 
-    def __call__(self, phi: Field, b: Field, r: Field) -> None:
+    def __call__(self, phi: Field, b: Field, r: Field, completed: bool = False) -> None:
         """Overwrite `r` with b - A_h phi on the leaves, zero on covered cells.
 
         Parameters
@@ -232,8 +232,11 @@ class Residual:
             Fluence [W/mm^2]; its covered cells and ghosts are filled.
         b, r : Field
             Right-hand side and residual, integrated over cells, in the scale of the operator.
+        completed : bool
+            `complete` has been called since `phi` changed.
         """
-        self.complete(phi)
+        if not completed:
+            self.complete(phi)
         run, op, octree, levels = self.device.run, self.op, self.op.octree, self.op.octree.levels
         finest, cut, T = levels[-1], octree.cut, op.T
         run(self._residual, finest.n, finest.n, finest.nbr, T[-1], op.absorb[-1], b[-1], phi[-1], r[-1])
@@ -247,13 +250,14 @@ class Residual:
             octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid, T[-1],
             op.slope, phi[-1], r[-1])  # fmt: skip
 
-    def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
+    def boundary_value(self, phi: Field, moment: Buffer, completed: bool = False) -> Buffer:
         """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].
 
-        `moment` (n_cut, 4) is the source's first moment between the centroid and the surface.
+        `moment` (n_cut, 4) is the source's first moment between the centroid and the surface; `completed` as above.
         """
+        if not completed:
+            self.complete(phi)
         op, cut = self.op, self.op.octree.cut
-        self.complete(phi)
         phi_B = self.device.empty((cut.n, CHANNELS))
         self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D[-1],
                         cut.cell, cut.centroid, cut.boundary, cut.normal, op.slope, moment, phi[-1],

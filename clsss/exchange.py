@@ -27,8 +27,8 @@ from clsss.octree import Octree
 from clsss.rays import RayCaster
 from clsss.surface import boundary_points
 
-PROBES = 16  # rays that tell whether a patch sees the object at all
-RAYS = 64
+PROBES = 8  # rays that tell whether a patch sees the object at all
+RAYS = 32  # rays of those that do
 PATCHES = 64  # patches along the longest side of the grid, at least
 NEAREST = 6  # patches that a cut cell's share is blended from
 CHUNK = 1 << 18
@@ -113,6 +113,12 @@ class _Tracer:
         self.blockers = blockers
         self.caster, self.octree, self.patch = RayCaster(mesh.triangles), octree, patch
         self.points, self.normals = boundary_points(octree)
+        flat = np.linalg.norm(self.normals, axis=1) < 0.5  # two sheets that cancel have no normal
+        self.normals[flat] = [0, 0, 1]
+        seed = np.where(np.abs(self.normals[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
+        self.tangents = np.cross(self.normals, seed)
+        self.tangents /= np.linalg.norm(self.tangents, axis=1, keepdims=True)
+        self.bitangents = np.cross(self.normals, self.tangents)
         self.h = octree.grid.h
         self.cut_index = octree.cut_index.get()
         corner = np.moveaxis(mesh.triangles, 1, 0)
@@ -130,31 +136,27 @@ class _Tracer:
         u = (turn + (k[:, None] + 0.5) * GOLDEN) % 1
         count = self.first[patches + 1] - self.first[patches]
         cell = self.members[self.first[patches] + np.minimum((u[:, 2] * count).astype(int), count - 1)]
-        n = self.normals[cell]
-        seed = np.where(np.abs(n[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
-        s = np.cross(n, seed)
-        s /= np.maximum(np.linalg.norm(s, axis=1, keepdims=True), 1e-300)
-        radius, angle = np.sqrt(u[:, :1]), 2 * np.pi * u[:, 1:2]
-        mu = np.sqrt(1 - u[:, :1])
-        direction = radius * (np.cos(angle) * s + np.sin(angle) * np.cross(n, s)) + mu * n
+        n, s, t = self.normals[cell], self.tangents[cell], self.bitangents[cell]
+        radius, angle, mu = np.sqrt(u[:, :1]), 2 * np.pi * u[:, 1:2], np.sqrt(1 - u[:, :1])
+        direction = radius * (np.cos(angle) * s + np.sin(angle) * t) + mu * n
         origin = self.points[cell] + 0.1 * self.h * n
-        direction[np.linalg.norm(n, axis=1) < 0.5] = [0, 0, 1]
-        t, triangle = self.caster.hit(origin, direction)
+        distance, triangle = self.caster.hit(origin, direction, exact=False)
+        slope = np.einsum("ij,ij->i", self.facing[triangle], direction)
         # a centroid under the mesh's skin meets it from behind: go on from there
-        behind = np.flatnonzero((triangle >= 0) & ((self.facing[triangle] * direction).sum(axis=1) > 0))
+        behind = np.flatnonzero((triangle >= 0) & (slope > 0))
         if len(behind):
-            start = origin[behind] + (t[behind, None] + 1e-3 * self.h) * direction[behind]
-            t[behind], triangle[behind] = self.caster.hit(start, direction[behind])
-            t[behind] += np.linalg.norm(start - origin[behind], axis=1)
-        seen = (triangle >= 0) & ((self.facing[triangle] * direction).sum(axis=1) < 0)
-        hit = np.flatnonzero(seen)
+            start = origin[behind] + (distance[behind, None] + 1e-3 * self.h) * direction[behind]
+            further, triangle[behind] = self.caster.hit(start, direction[behind], exact=False)
+            distance[behind] += further + 1e-3 * self.h
+            slope[behind] = np.einsum("ij,ij->i", self.facing[triangle[behind]], direction[behind])
+        hit = np.flatnonzero((triangle >= 0) & (slope < 0))
         if self.blockers:
-            hit = hit[~self.blockers.occluded(origin[hit], direction[hit], t[hit])]
-        end = origin[hit] + t[hit, None] * direction[hit]
+            hit = hit[~self.blockers.occluded(origin[hit], direction[hit], distance[hit])]
+        end = origin[hit] + distance[hit, None] * direction[hit]
         other = self._cell_at(end, self.facing[triangle[hit]])
         good = self.patch[other] != patches[hit]
         hit, other = hit[good], other[good]
-        arriving = np.clip(-(self.normals[other] * direction[hit]).sum(axis=1), 0.05, 1.0)
+        arriving = np.clip(-np.einsum("ij,ij->i", self.normals[other], direction[hit]), 0.05, 1.0)
         return hit, self.patch[other], mu[hit, 0], arriving
 
     def _cell_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -195,18 +197,21 @@ def trace_exchange(mesh: Mesh, octree: Octree, eta: float, blockers: RayCaster |
     n = len(area)
     tracer = _Tracer(mesh, octree, patch, blockers)
     probes = np.repeat(np.arange(n), PROBES)
-    hit, other, _, _ = tracer.trace(probes, np.tile(np.arange(PROBES), n))
+    found = [(probes, *tracer.trace(probes, np.tile(np.arange(PROBES), n)))]
     active = np.zeros(n, bool)
-    active[probes[hit]] = active[other] = True
+    active[probes[found[0][1]]] = active[found[0][2]] = True
     if not active.any():
         return None
-    sources = np.repeat(np.flatnonzero(active), RAYS)
-    numbers = np.tile(np.arange(RAYS) + PROBES, int(active.sum()))
-    rows, columns, arriving, entering = [], [], [], []
+    sources = np.repeat(np.flatnonzero(active), RAYS - PROBES)
+    numbers = np.tile(np.arange(PROBES, RAYS), int(active.sum()))
     for first in range(0, len(sources), CHUNK):
-        part = slice(first, first + CHUNK)
-        hit, other, mu, mu_other = tracer.trace(sources[part], numbers[part])
-        own = sources[part][hit]
+        part = sources[first : first + CHUNK]
+        found.append((part, *tracer.trace(part, numbers[first : first + CHUNK])))
+        if progress is not None:
+            progress(min(1.0, (first + CHUNK) / len(sources)))
+    rows, columns, arriving, entering = [], [], [], []
+    for patches, hit, other, mu, mu_other in found:
+        own = patches[hit]
         balance = area[[own, other]] / (area[own] + area[other]) / RAYS
         for here, there, mu_in, mu_out, weight in ((own, other, mu, mu_other, balance[1]),
                                                    (other, own, mu_other, mu, balance[0])):  # fmt: skip
@@ -215,8 +220,6 @@ def trace_exchange(mesh: Mesh, octree: Octree, eta: float, blockers: RayCaster |
             columns.append(there)
             arriving.append(flow)
             entering.append(flow * fresnel_transmittance(mu_in, eta))
-        if progress is not None:
-            progress(min(1.0, (first + CHUNK) / len(sources)))
     where = (np.concatenate(rows), np.concatenate(columns))
     gain = 4 / (1 - fresnel_moments(eta)[0])
     H, H_t = (sparse.coo_matrix((np.concatenate(v), where), shape=(n, n)).tocsr() for v in (arriving, entering))

@@ -70,8 +70,8 @@ class Solution:
 
 
 def boundary_flux(residual: Residual, phi: Field, moment: Buffer) -> np.ndarray:
-    """J.n (n_cut, 3) at the boundary of the cut cells."""
-    values = residual.boundary_value(phi, moment).get()
+    """J.n (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
+    values = residual.boundary_value(phi, moment, completed=True).get()
     return values[:, :3].astype(float) / (2 * residual.op.medium.fresnel_A)
 
 
@@ -155,6 +155,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         convergence = scene.multigrid.solve(
             source.b, phi, scene.tolerance, progress=lambda f: tell("solve", f), follower=follower
         )
+        scene.multigrid.residual.complete(phi)
         flux, entering = follower.surface(phi) if follower else (
             boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
     gain = scene.exchange.gain if scene.exchange else 0.0

@@ -174,8 +174,9 @@ class Multigrid:
         anderson = Anderson(self, phi, f, follower) if follower else None
         residuals: list[np.ndarray] = []
         while True:
+            self.residual.complete(phi)
             moving = follower.update(phi) if follower else 0.0
-            self.residual(phi, b, f)
+            self.residual(phi, b, f, completed=True)
             if follower:
                 follower.adjust(f)
             residuals.append(np.where(lit, np.sqrt(self.inner_product(f, f)) / np.where(lit, scale, 1), 0))
@@ -203,7 +204,7 @@ class Follower(Protocol):
     state: np.ndarray  # (p, 3), affine in the solution
 
     def update(self, phi: Field) -> float:
-        """Advance `state` by one step; how far it moved, relative to its size."""
+        """Advance `state` by one step, for a complete `phi`; how far it moved, relative to its size."""
 
     def adjust(self, residual: Field) -> None:
         """Add its part of the right-hand side to a residual."""

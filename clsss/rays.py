@@ -57,13 +57,17 @@ class RayCaster:
             answer = self._scene.run(origins, directions, dists=reach, output=True)
         return answer, start * self._half
 
-    def hit(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def hit(
+        self, origins: np.ndarray, directions: np.ndarray, exact: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
         """First triangle each ray hits.
 
         Parameters
         ----------
         origins, directions : (n, 3) float64
             Rays; either may be one row for all.
+        exact : bool
+            Compute distances again in double precision; single's are off by some 1e-6 of the object.
 
         Returns
         -------
@@ -75,6 +79,8 @@ class RayCaster:
         found, start = self._run(origins, directions, np.inf, shadow=False)
         index = found["primID"].astype(np.int64)
         rough = start + found["tfar"].astype(np.float64) * self._half
+        if not exact:
+            return np.where(index >= 0, rough, np.inf), index
         a, b, c = np.moveaxis(self.triangles[index], 1, 0)
         normal = np.cross(b - a, c - a)
         with np.errstate(divide="ignore", invalid="ignore"):
