@@ -228,6 +228,23 @@ def test_defect_correction_factor(factors, shape, resolution, medium):
     assert factors(defect_factor, shape, resolution, medium) <= 0.18
 
 
+class TenToOne:
+    """D varies smoothly by ten."""
+
+    g, eta, homogeneous = 0.0, 1.3, False
+
+    def coefficients(self, points):
+        sigma_s = 10 ** (0.5 * np.sin(0.3 * points @ [[1.0], [0.7], [-0.5]])) * np.ones(3)
+        return 0.001 * sigma_s, sigma_s
+
+
+@pytest.mark.parametrize("resolution", [32, 64])
+@EVERY_SHAPE
+def test_defect_correction_factor_where_D_varies_by_ten(double, shape, resolution):
+    mg = multigrid_for(double, SHAPES[shape](), TenToOne(), resolution, refine=None)
+    assert defect_factor(mg) <= 0.28
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 def test_factor_does_not_depend_on_h(factors, shape):
     found = [factors(two_point_factor, shape, n, ABSORBING, refine=None) for n in (32, 64)]
