@@ -20,7 +20,7 @@ from clsss.dipole import dipole
 from clsss.errors import InputError
 from clsss.mesh import Mesh
 from clsss.montecarlo import estimate
-from clsss.refine import areas
+from clsss.refine import areas, owners
 
 if TYPE_CHECKING:
     from clsss.simulate import Result
@@ -128,7 +128,7 @@ def compare(
     good = np.isfinite(truth.radiosity).all(axis=1)
     scores = []
     for name, values in radiosity.items():
-        around = _averaged(mesh.vertices, values, weight, mesh.vertices[points], truth.radius)
+        around = _averaged(mesh, values, weight, points, truth.radius)
         scores.append(_score(name, around[good], truth.radiosity[good], seconds[name]))
     return Comparison(
         mesh,
@@ -159,17 +159,17 @@ def _spread(weight: np.ndarray, n_points: int, seed: int) -> np.ndarray:
     return np.sort(np.random.default_rng(seed).choice(used, n_points, replace=False, p=share))
 
 
-def _averaged(
-    vertices: np.ndarray, values: np.ndarray, weight: np.ndarray, points: np.ndarray, radius: float
-) -> np.ndarray:
+def _averaged(mesh: Mesh, values: np.ndarray, weight: np.ndarray, points: np.ndarray, radius: float) -> np.ndarray:
     """Values at the vertices averaged over each point's part of the surface, up to `radius` from it."""
-    from scipy.spatial import cKDTree
-
-    distance, owner = cKDTree(points).query(vertices)
-    near = (distance <= radius) & (weight > 0)
+    if radius == 0:
+        return values[points]
+    facing = mesh.normals[points]
+    owner = owners(mesh.vertices, mesh.normals, mesh.vertices[points], facing, radius)
+    near = (owner >= 0) & (weight > 0)
     owner, weight = owner[near], weight[near]
     sums = [np.bincount(owner, weight * values[near, c], len(points)) for c in range(3)]
-    return np.stack(sums, axis=1) / np.bincount(owner, weight, len(points))[:, None]
+    with np.errstate(invalid="ignore"):
+        return np.stack(sums, axis=1) / np.bincount(owner, weight, len(points))[:, None]
 
 
 def _norm(values: np.ndarray) -> float:

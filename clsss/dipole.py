@@ -21,7 +21,7 @@ from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_moments, fresnel_transmittance
 from clsss.mesh import Mesh, RayCaster
 from clsss.pointtree import octree
-from clsss.refine import areas, refine
+from clsss.refine import areas, outward_normals, refine
 
 SKY_BEAMS = 256
 SPACING = 0.5  # of a transport mean free path: longest edge of a sample's triangle
@@ -193,9 +193,7 @@ def dipole(
     sigma, *both = poles(material, model)
     spacing = SPACING / material.sigma_tr.max()
     coarse, _ = refine(mesh.triangles, max(spacing, SHADOW * mesh.size))
-    normals = np.cross(*np.diff(coarse, axis=1).transpose(1, 0, 2))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    lit = entering(mesh, coarse.mean(axis=1), normals, material.eta, lights, progress)
+    lit = entering(mesh, coarse.mean(axis=1), outward_normals(coarse), material.eta, lights, progress)
     pieces, parent = refine(coarse, spacing)
     centre = mesh.bounds.mean(axis=0)  # single precision is for the distances
     places, area, lit = pieces.mean(axis=1) - centre, areas(pieces), lit[parent]

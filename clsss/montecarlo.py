@@ -22,6 +22,7 @@ from clsss.device import Device
 from clsss.errors import InputError
 from clsss.materials import Medium
 from clsss.mesh import Mesh, contains
+from clsss.refine import outward_normals
 from clsss.transport import Walk, gather, make_scene
 
 CAP = 200_000  # collisions after which a path is given up; reported, never silent
@@ -136,7 +137,8 @@ def estimate(
     energy: dict[str, np.ndarray] = {}
     if forward:
         radius = radius or PATCH * mesh.size
-        pieces, owner = photons.patches(mesh.triangles, at[on], radius)
+        there = outward_normals(mesh.triangles[triangle[on]])
+        pieces, owner = photons.patches(mesh.triangles, at[on], there, radius)
         scene, area = make_scene(pieces, medium, sources, device), photons.owned_areas(pieces, owner, n)
         launched = photons.launched(scene, sources, mesh)
         results, energy = photons.trace(scene, launched, owner, area, n_paths * n, medium.eta, walk)

@@ -9,7 +9,7 @@ import numpy as np
 
 from clsss.device import Buffer
 from clsss.mesh import Mesh, contains
-from clsss.refine import areas, refine
+from clsss.refine import areas, outward_normals, owners, refine
 from clsss.transport import QUANTITIES, Scene, Sources, Walk, launches
 
 BATCHES = 40  # the standard error comes from the scatter between batches
@@ -17,15 +17,17 @@ TALLIES = ("incident", "reflected", "absorbed", "scattered", "unscattered", "los
 FIXED_POINT = 2.0**-20
 
 
-def patches(triangles: np.ndarray, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cut the surface into pieces and give each to the point it is nearest to.
+def patches(
+    triangles: np.ndarray, points: np.ndarray, normals: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cut the surface into pieces and give each to the point it is nearest to, on the same side.
 
     Parameters
     ----------
     triangles : (m, 3, 3) float64
         The surface [mm].
-    points : (n, 3) float64
-        Points on it [mm]; of several at one place, the first owns its surroundings.
+    points, normals : (n, 3) float64
+        Points on it [mm] and its outward normals there.
     radius : float
         How far from its point a piece may lie [mm].
 
@@ -36,12 +38,8 @@ def patches(triangles: np.ndarray, points: np.ndarray, radius: float) -> tuple[n
     owner : (t,) int64
         The point each belongs to, -1 where none is near.
     """
-    from scipy.spatial import cKDTree
-
     pieces, _ = refine(triangles, radius / 2, at_least=2)
-    distance, owner = cKDTree(points).query(pieces.mean(axis=1))
-    first = np.unique(points, axis=0, return_index=True, return_inverse=True)[1:]
-    return pieces, np.where(distance <= radius, first[0][first[1].ravel()][owner], -1)
+    return pieces, owners(pieces.mean(axis=1), outward_normals(pieces), points, normals, radius)
 
 
 def trace(

@@ -1,9 +1,10 @@
-"""Split large triangles: to sample a surface finely enough, and to count on small patches of it."""
+"""A surface in pieces: to sample it finely enough, and to count on small patches of it around points."""
 
 from __future__ import annotations
 
 import numpy as np
 
+NEIGHBOURS = 8  # points tried for each place: the nearest may be on the other side
 MOST = 2_000_000  # pieces; beyond that the length asked for grows
 
 
@@ -43,6 +44,44 @@ def refine(triangles: np.ndarray, length: float, at_least: int = 1) -> tuple[np.
         pieces.append(np.einsum("pqc,mcx->mpqx", corners, triangles[which]).reshape(-1, 3, 3))
         parents.append(np.repeat(which, len(corners)))
     return np.concatenate(pieces), np.concatenate(parents)
+
+
+def owners(
+    places: np.ndarray, normals: np.ndarray, points: np.ndarray, facing: np.ndarray, radius: float
+) -> np.ndarray:
+    """The nearest point on the same side of the surface, for each of many places.
+
+    Parameters
+    ----------
+    places, normals : (m, 3) float64
+        Places [mm] and outward normals.
+    points, facing : (n, 3) float64
+        Points [mm] and outward normals; of several at one place, the first owns its surroundings.
+    radius : float
+        How far from its point a place may lie [mm].
+
+    Returns
+    -------
+    (m,) int64
+        The point each place belongs to, -1 where none is near.
+    """
+    from scipy.spatial import cKDTree
+
+    _, first = np.unique(np.concatenate([points, facing], axis=1), axis=0, return_index=True)
+    near = min(NEIGHBOURS, len(first))
+    distance, index = cKDTree(points[first]).query(places, [*range(1, near + 1)], distance_upper_bound=radius)
+    found = np.isfinite(distance)
+    index = first[np.where(found, index, 0)]
+    agrees = found & (np.einsum("mkc,mc->mk", facing[index], normals) > 0.5)
+    chosen = np.argmax(agrees, axis=1)[:, None]
+    owner = np.where(agrees, index, -1)
+    return np.take_along_axis(owner, chosen, axis=1)[:, 0]
+
+
+def outward_normals(triangles: np.ndarray) -> np.ndarray:
+    """Unit normals (m, 3) of triangles (m, 3, 3); 0 where they have no area."""
+    normals = np.cross(*np.diff(triangles, axis=1).transpose(1, 0, 2))
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
 
 
 def _pattern(k: int) -> np.ndarray:

@@ -24,7 +24,7 @@ from clsss.mesh import Mesh, load_mesh
 from clsss.montecarlo import estimate
 from clsss.pointtree import LEAF, octree
 from clsss.reference import monte_carlo
-from clsss.refine import areas, refine
+from clsss.refine import areas, owners, refine
 
 DOWN = DirectionalLight((0, 0, -1))
 
@@ -72,6 +72,14 @@ def test_tree_holds_every_triangle_within_its_boxes(m):
     for child in range(2, len(tree.boxes)):
         assert np.all(low[child // 2] <= low[child])
         assert np.all(high[child // 2] >= high[child])
+
+
+def test_places_belong_to_points_on_their_side():
+    points, facing = np.array([[0, 0, 1.0], [0, 0, -1], [5, 0, 1]]), np.array([[0, 0, 1.0], [0, 0, -1], [0, 0, 1]])
+    places = np.array([[1, 0, 1.0], [1, 0, -1], [4, 0, 1], [4, 0, -1], [9, 0, 1]])
+    normals = np.array([[0, 0, 1.0], [0, 0, -1], [0, 0, 1], [0, 0, -1], [0, 0, 1]])
+    np.testing.assert_array_equal(owners(places, normals, points, facing, 3.0), [0, 1, 2, -1, -1])
+    np.testing.assert_array_equal(owners(places, normals, points, facing, 5.0), [0, 1, 2, 1, 2])
 
 
 def test_octree_walk_meets_every_point_once():
@@ -251,10 +259,10 @@ def test_far_from_the_origin_is_as_good():
     medium = Material(0.1, 1.0)
     np.testing.assert_allclose(dipole(far, medium, there), dipole(ball(), medium, [DOWN, lamp]), rtol=1e-3)
     for forward in (True, False):
-        e = estimate(far, medium, there, 30, forward=forward)
-        near = estimate(ball(), medium, [DOWN, lamp], 30, forward=forward)
+        e = estimate(far, medium, there, 10, forward=forward)
+        near = estimate(ball(), medium, [DOWN, lamp], 10, forward=forward)
         assert e.lost < 1e-4
-        np.testing.assert_allclose(e.radiosity.sum(axis=0), near.radiosity.sum(axis=0), rtol=0.05)
+        np.testing.assert_allclose(e.radiosity.sum(axis=0), near.radiosity.sum(axis=0), rtol=0.1)
 
 
 def test_channels_are_independent():
@@ -385,7 +393,7 @@ def test_agrees_with_mitsuba(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_agrees_with_mitsuba_at_length(case):
-    for z in against_mitsuba(case, 40000):
+    for z in against_mitsuba(case, 15000):
         assert np.mean(np.abs(z) < 3) >= 0.99
         assert np.sqrt(np.mean(z**2)) < 1.2
 
@@ -407,7 +415,7 @@ def against_sphere(name, n_photons):
         ("specular", ("reflected",)),
     ):
         share = sum(e.energy[k][0] for k in kinds) / incident
-        assert share == pytest.approx(json.loads(str(d["meta"]))[key], abs=0.002 if n_photons > 20 else 0.005)
+        assert share == pytest.approx(json.loads(str(d["meta"]))[key], abs=0.002 if n_photons > 20 else 0.008)
     band = np.clip(np.digitize(mesh.vertices[:, 2] / 10, d["cos_edges"]) - 1, 0, 39)
     count = np.bincount(band, minlength=40)
     mean = np.bincount(band, e.radiosity[:, 0], 40) / count
@@ -417,7 +425,7 @@ def against_sphere(name, n_photons):
 
 @pytest.mark.parametrize("name", SPHERES)
 def test_agrees_with_an_exact_sphere(name):
-    z = against_sphere(name, 10)
+    z = against_sphere(name, 5)
     assert np.mean(np.abs(z) < 3) > 0.95
     assert np.sqrt(np.mean(z**2)) < 1.5
 
@@ -443,7 +451,7 @@ def test_agrees_with_mcx_slabs(name, eta):
         if eta == 1:
             e = estimate(mesh, Material(0.01, 10.0, 0.9), [DOWN], 1000, top_points(100, 40.0, z))
         else:
-            e = estimate(mesh, Material(0.01, 10.0, 0.9, eta), [DOWN], 400_000, [[0.0, 0, z]], radius=50.0)
+            e = estimate(mesh, Material(0.01, 10.0, 0.9, eta), [DOWN], 100_000, [[0.0, 0, z]], radius=50.0)
         mean, error = np.mean(e.radiosity), np.sqrt(np.sum(e.stderr[:, 0] ** 2)) / len(e.stderr)
         entered = fresnel_transmittance(1.0, eta)
         assert mean / entered == pytest.approx(truth, abs=3 * np.hypot(error / entered, sem) + 1e-4)
