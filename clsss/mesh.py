@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,7 +46,8 @@ class Mesh:
         Whether every directed edge of `triangles` is matched by its reverse. Where it is not, the winding
         number is not an integer.
     report : dict
-        ``faces``, ``vertices``, ``closed`` (whether the input was), ``repairs`` (sentences), ``size_mm``.
+        ``faces``, ``vertices``, ``closed`` (whether the input was), ``repairs`` (sentences), ``size_mm``,
+        ``scale`` (mm per unit of the input), ``seconds`` (to load).
     name : str
         File name, or "mesh".
     """
@@ -89,6 +91,7 @@ def load_mesh(source: str | os.PathLike[str] | trimesh.Trimesh, size: float | No
     InputError
         The file cannot be read, makes no sense or bounds no volume, or `size` is not a length.
     """
+    start = perf_counter()
     try:
         length = None if size is None else float(size)
     except (TypeError, ValueError):
@@ -108,7 +111,9 @@ def load_mesh(source: str | os.PathLike[str] | trimesh.Trimesh, size: float | No
         repaired = repair((vertices - centre) / longest, faces)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-    return _scaled(vertices, faces, repaired, centre, longest, length, name)
+    mesh = _scaled(vertices, faces, repaired, centre, longest, length, name)
+    mesh.report["seconds"] = perf_counter() - start
+    return mesh
 
 
 def _used(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -161,6 +166,7 @@ def _scaled(
         "closed": repaired.was_closed,
         "repairs": repairs,
         "size_mm": extent * scale,
+        "scale": scale,
     }
     normals = _normals((vertices - centre) / longest, drawn, used, repaired.welded)
     return Mesh(points, drawn, normals, triangles, repaired.closed, report, name)

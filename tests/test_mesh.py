@@ -87,7 +87,10 @@ def test_clean_mesh_is_scaled_and_nothing_else():
         "closed": True,
         "repairs": [],
         "size_mm": pytest.approx(10),
+        "scale": pytest.approx(10 / np.ptp(source.vertices, axis=0).max()),
+        "seconds": mesh.report["seconds"],
     }
+    assert mesh.report["seconds"] > 0
     assert mesh.closed
     assert is_cycle(mesh)
     assert mesh.size == pytest.approx(10)
