@@ -1,0 +1,63 @@
+"""Where the diffusion approximation is doubtful: media that absorb as they scatter, and objects too thin.
+
+    albedo = sigma_s' / sigma_tr     mean free path = 1 / sigma_tr     thickness = 4 V / S
+
+The thickness is the mean chord of the solid (Cauchy), V its volume and S its surface. Input: a mesh and a medium.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from clsss.materials import Medium
+from clsss.mesh import Mesh
+
+LEAST_ALBEDO = 0.9
+LEAST_PATHS = 3.0  # mean free paths that the object must be thick
+_CHANNELS = ("red", "green", "blue")
+_SAMPLES = 1000
+
+
+class DiffusionWarning(UserWarning):
+    """The result may be off: diffusion describes this medium or this object badly."""
+
+
+def doubts(mesh: Mesh, medium: Medium) -> str:
+    """Why diffusion is doubtful here, with numbers, or nothing."""
+    sigma_a, sigma_s_prime = _mean(mesh, medium)
+    albedo, path = sigma_s_prime / (sigma_a + sigma_s_prime), 1 / (sigma_a + sigma_s_prime)
+    reasons = []
+    if (low := albedo < LEAST_ALBEDO).any():
+        numbers = ", ".join(f"{albedo[c]:.2g} in {_CHANNELS[c]}" for c in np.flatnonzero(low))
+        reasons.append(f"the reduced albedo is {numbers}; it should be {LEAST_ALBEDO:g} or more")
+    thickness, longest = thickness_of(mesh), int(np.argmax(path))
+    if thickness < LEAST_PATHS * path[longest]:
+        reasons.append(
+            f"the object is {thickness:.2g} mm thick on average, {thickness / path[longest]:.2g} mean free paths "
+            f"of {path[longest]:.2g} mm in {_CHANNELS[longest]}; it should be {LEAST_PATHS:g} or more"
+        )
+    return "diffusion is only approximate here: " + "; ".join(reasons) if reasons else ""
+
+
+def warn(mesh: Mesh, medium: Medium) -> None:
+    """Issue a `DiffusionWarning` where there are `doubts`."""
+    if text := doubts(mesh, medium):
+        warnings.warn(text, DiffusionWarning, stacklevel=3)
+
+
+def thickness_of(mesh: Mesh) -> float:
+    """Mean chord 4 V / S of the solid [mm]."""
+    a, b, c = np.moveaxis(mesh.triangles - mesh.bounds.mean(axis=0), 1, 0)
+    normal = np.cross(b - a, c - a)
+    return float(4 * abs((a * normal).sum() / 6) / (np.linalg.norm(normal, axis=1).sum() / 2))
+
+
+def _mean(mesh: Mesh, medium: Medium) -> tuple[np.ndarray, np.ndarray]:
+    """sigma_a and sigma_s' (3,), on average just inside the surface, where the light is."""
+    used = np.flatnonzero(mesh.normals.any(axis=1))
+    some = used[:: max(1, len(used) // _SAMPLES)]
+    points = mesh.vertices[some] - mesh.normals[some] * thickness_of(mesh) / 8
+    sigma_a, sigma_s = medium.coefficients(points)
+    return sigma_a.mean(axis=0), (1 - medium.g) * sigma_s.mean(axis=0)
