@@ -56,7 +56,12 @@ def _pillow(path: Path) -> np.ndarray:
             x = np.asarray(picture.convert("RGB"), float) / 255
     except OSError as error:
         raise InputError(f"{path}: is no picture that can be read (.hdr, .png and .jpg are)") from error
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    return srgb_decode(x)
+
+
+def srgb_decode(encoded: np.ndarray) -> np.ndarray:
+    """Linear values of sRGB ones, 0..1 both (IEC 61966-2-1)."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def _rgbe(data: bytes) -> np.ndarray:

@@ -186,13 +186,8 @@ class Material:
 
     @property
     def diffuse_reflectance(self) -> np.ndarray:
-        """Share of perpendicular light, once inside, that a half space gives back, (3,).
-
-        The diffusion equation solved in a half space, with q0 = sigma_s' exp(-sigma_tr z):
-        R = albedo / ((1 + s) (1 + 2 A s / 3)), s = sqrt(3 (1 - albedo)).
-        """
-        s = np.sqrt(3 * (1 - self.albedo))
-        return self.albedo / ((1 + s) * (1 + 2 * fresnel_A(self.eta) * s / 3))
+        """Share of perpendicular light, once inside, that a half space gives back, (3,)."""
+        return diffuse_reflectance(self.albedo, self.eta)
 
     def coefficients(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """sigma_a and sigma_s [1/mm], (n, 3) each, at points (n, 3) [mm]."""
@@ -244,6 +239,17 @@ def material(name: str) -> Material:
     return Material.from_reduced(
         row["sigma_a"], row["sigma_s_prime"], row["eta"], row["g"], known[plain(name)], row["source"]
     )
+
+
+def diffuse_reflectance(albedo: Any, eta: float) -> np.ndarray:
+    """Share of perpendicular light, once inside, that a half space of this reduced albedo gives back.
+
+    The diffusion equation solved in a half space, with q0 = sigma_s' exp(-sigma_tr z):
+    R = albedo / ((1 + s) (1 + 2 A s / 3)), s = sqrt(3 (1 - albedo)).
+    """
+    albedo = np.asarray(albedo, float)
+    s = np.sqrt(3 * (1 - albedo))
+    return albedo / ((1 + s) * (1 + 2 * fresnel_A(eta) * s / 3))
 
 
 def fresnel_reflectance(cos_incidence: Any, eta: float) -> np.ndarray:

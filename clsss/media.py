@@ -40,9 +40,7 @@ class Mix:
             if not hasattr(getattr(self, field), "coefficients"):
                 raise InputError(f"{field}: needs a Material, Mix or Grid, got {getattr(self, field)!r}")
         if not callable(self.weight):
-            raise InputError(
-                f"weight: needs a callable of points, such as Perlin(scale=5), got {self.weight!r}"
-            )
+            raise InputError(f"weight: needs a callable of points, such as Perlin(scale=5), got {self.weight!r}")
 
     @property
     def homogeneous(self) -> bool:
@@ -112,6 +110,52 @@ class Perlin:
         return np.clip(0.5 + 0.5 * noise, 0, 1)
 
 
+def _check_frame(origin: Any, spacing: Any) -> tuple[np.ndarray, np.ndarray]:
+    origin, spacing = rgb("origin", origin), rgb("spacing", spacing)
+    if not (np.all(np.isfinite(origin)) and np.all(np.isfinite(spacing)) and spacing.min() > 0):
+        raise InputError("origin, spacing: must be finite, spacing above 0 mm")
+    return origin, spacing
+
+
+def _trilinear(values: np.ndarray, origin: np.ndarray, spacing: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Voxels (nx, ny, nz) at points (n, 3): between voxel centres, and constant beyond the outermost."""
+    from scipy.ndimage import map_coordinates
+
+    index = ((np.asarray(points, float) - origin) / spacing - 0.5).T
+    return map_coordinates(values, index, order=1, mode="nearest")
+
+
+@dataclass(frozen=True, eq=False)
+class Voxels:
+    """A weight for `Mix` from voxels, trilinear between voxel centres and constant beyond the outermost.
+
+    Parameters
+    ----------
+    values : (nx, ny, nz) array_like
+        In 0..1.
+    origin, spacing : (3,) array_like, float or (3,) array_like
+        As in `Grid` [mm].
+    """
+
+    values: np.ndarray
+    origin: np.ndarray
+    spacing: np.ndarray
+
+    def __post_init__(self) -> None:
+        values = np.array(self.values, float)
+        if values.ndim != 3 or values.size == 0 or not np.all(np.isfinite(values)):
+            raise InputError(f"values: needs finite numbers of shape (nx, ny, nz), got shape {values.shape}")
+        if values.min() < 0 or values.max() > 1:
+            raise InputError(f"values: a weight lies within 0 and 1, got {values.min():g} to {values.max():g}")
+        origin, spacing = _check_frame(self.origin, self.spacing)
+        for field, value in (("values", values), ("origin", origin), ("spacing", spacing)):
+            object.__setattr__(self, field, value)
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """The weight (n,) at points (n, 3) [mm]."""
+        return _trilinear(self.values, self.origin, self.spacing, points)
+
+
 def _voxels(name: str, values: Any) -> np.ndarray:
     array = np.array(values, float)
     if array.ndim == 3:
@@ -147,9 +191,7 @@ class Grid:
 
     def __post_init__(self) -> None:
         g, eta = check_boundary(self.g, self.eta)
-        origin, spacing = rgb("origin", self.origin), rgb("spacing", self.spacing)
-        if not (np.all(np.isfinite(origin)) and np.all(np.isfinite(spacing)) and spacing.min() > 0):
-            raise InputError("origin, spacing: must be finite, spacing above 0 mm")
+        origin, spacing = _check_frame(self.origin, self.spacing)
         sigma_a, sigma_s = _voxels("sigma_a", self.sigma_a), _voxels("sigma_s", self.sigma_s)
         if sigma_a.shape != sigma_s.shape:
             raise InputError(f"sigma_s: has shape {sigma_s.shape} but sigma_a has {sigma_a.shape}")
@@ -165,12 +207,9 @@ class Grid:
 
     def coefficients(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """sigma_a and sigma_s [1/mm], (n, 3) each, at points (n, 3) [mm]."""
-        from scipy.ndimage import map_coordinates
-
-        index = ((np.asarray(points, float) - self.origin) / self.spacing - 0.5).T
 
         def sample(values: np.ndarray) -> np.ndarray:
-            channels = [map_coordinates(values[..., c], index, order=1, mode="nearest") for c in range(3)]
+            channels = [_trilinear(values[..., c], self.origin, self.spacing, points) for c in range(3)]
             return np.stack(channels, axis=1)
 
         return sample(self.sigma_a), sample(self.sigma_s)
