@@ -1,4 +1,4 @@
-"""The `clsss` command: bake, materials, info, doctor, demo.
+"""The `clsss` command: bake, compare, materials, info, doctor, demo.
 
 Results go to stdout, everything said on the way to stderr.
 """
@@ -8,14 +8,18 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from clsss import __version__
-from clsss.options import LIGHT_HELP, add_mesh, add_shared, parse
-from clsss.running import bake_with_bar, interruptible, leave, load, run
+from clsss import __version__, scenefile
+from clsss.errors import InputError
+from clsss.options import LIGHT_HELP, add_camera, add_mesh, add_output, add_shared
+from clsss.running import bake_with_bar, interruptible, leave, load, progress_bar, run
 
 if TYPE_CHECKING:
-    from clsss.materials import Material
+    from clsss.compare import Comparison
+    from clsss.scene import Scene
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -23,7 +27,7 @@ def main(argv: list[str] | None = None) -> None:
     code = 0
 
     def command() -> None:
-        args = parse(_parser(), argv)
+        args = scenefile.parse(_parser(), argv)
         args.command(args)
 
     try:
@@ -55,38 +59,65 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = add("bake", bake, "simulate a mesh and save its vertex colours", LIGHT_HELP)
     add_shared(sub)
-    sub.add_argument(
-        "-o", "--output", required=True, metavar="OUT", help="file to write: .glb .ply .obj .npz .vtu"
-    )
-    sub.add_argument(
-        "--report", metavar="R.json", help="also write the report: sizes, convergence, energy, seconds"
-    )
-    sub = add("materials", list_materials, "list the measured materials, or show one")
+    add_output(sub)
+    sub = add("compare", compare, "compare a bake with the dipole and with Monte Carlo", LIGHT_HELP)
+    add_shared(sub)
+    add_camera(sub)
+    _add_comparison(sub)
+    sub = add("materials", show_materials, "list the measured materials, or show one")
     sub.add_argument("name", nargs="?", metavar="NAME")
     sub = add("info", info, "tell what a mesh is and what would be repaired")
     add_mesh(sub)
     sub.set_defaults(quiet=True)
     add("doctor", doctor, "check this machine: OpenCL devices, OpenGL back ends, versions")
     sub = add("demo", demo, "write the demonstration mesh")
-    sub.add_argument(
-        "-o", "--output", required=True, metavar="OUT", help="mesh file to write, such as demo.ply"
-    )
+    sub.add_argument("-o", "--output", required=True, metavar="OUT", help="mesh file to write, such as demo.ply")
     return parser
+
+
+def _add_comparison(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("comparison")
+    group.add_argument("--picture", metavar="OUT.png", help="draw all three, and how far they are from the truth")
+    group.add_argument("--json", metavar="OUT.json", help="write the table as data")
+    group.add_argument("--points", type=int, default=1000, metavar="N", help="of Monte Carlo (1000)")
+    group.add_argument("--paths", type=int, default=1000, metavar="N", help="from each point and channel (1000)")
+    group.add_argument("--seed", type=int, default=0, metavar="N", help="of the points and paths (0)")
+
+
+def show_materials(args: argparse.Namespace) -> None:
+    """``clsss materials [NAME]``."""
+    from clsss import listing
+
+    print(listing.one(args.name) if args.name else listing.table())
 
 
 def bake(args: argparse.Namespace) -> None:
     """``clsss bake``: refuse bad outputs first, then simulate, then write."""
     from clsss.export import check_output, check_writable, save, write_atomically
 
+    if not args.output:
+        args.parser.error("say where the result goes: -o OUT.glb, or 'output' in the scene file")
     check_output(args.output)
     if args.report:
         check_writable(args.report)
+    if args.save_scene:
+        scenefile.check(args.save_scene)
     result = bake_with_bar(args)
     save(result, args.output, args.exposure)
     if args.report:
         write_atomically(args.report, (json.dumps(result.report, indent=1) + "\n").encode())
     if not args.quiet:
-        print(_summary(result.report), f"saved {args.output}", sep="\n", file=sys.stderr)
+        print(_summary(result.report), file=sys.stderr)
+    _finish(args, [args.output, args.report])
+
+
+def _finish(args: argparse.Namespace, written: list[str | None]) -> None:
+    """Write the scene if that was asked for; say which files there are now."""
+    if args.save_scene:
+        scenefile.save(args, args.save_scene)
+    if not args.quiet:
+        for path in filter(None, [*written, args.save_scene]):
+            print(f"saved {path}", file=sys.stderr)
 
 
 def _summary(report: dict) -> str:
@@ -101,55 +132,50 @@ def _summary(report: dict) -> str:
     )
 
 
-def list_materials(args: argparse.Namespace) -> None:
-    """``clsss materials [NAME]``."""
-    from clsss.materials import material, materials
+def compare(args: argparse.Namespace) -> None:
+    """``clsss compare``: bake, run both references, then print and write how they differ."""
+    from clsss.compare import compare as compare_with
+    from clsss.export import check_writable, write_atomically
 
-    if args.name:
-        print(_describe(material(args.name)))
-        return
-    print(" " * 30 + f"{'sigma_a [1/mm]':^25}" + " sigma_s' [1/mm]           eta    path  spread  colour")
-    for name in materials():
-        entry = material(name)
-        print(
-            f"{name:<30}{_three(entry.sigma_a, 8)} {_three(entry.sigma_s_prime, 7)} {entry.eta:5.2f} "
-            f"{1 / entry.sigma_tr.mean():7.3f} {_spread(entry):>7}  {_swatch(entry)}"
-        )
-    print("path: mean free path 1/sigma_tr [mm]; spread: how far light diffuses, 1/sigma_eff [mm], in the")
-    print("channel it goes farthest in; colour: diffuse reflectance in white light (sRGB)")
-
-
-def _three(values: object, width: int) -> str:
-    return "".join(f"{value:{width}.4g}" for value in values)  # type: ignore[attr-defined]
-
-
-def _spread(entry: Material) -> str:
-    smallest = float(entry.sigma_eff.min())
-    return f"{1 / smallest:.2f}" if smallest > 0 else "inf"
+    for path, suffix in ((args.picture, ".png"), (args.json, ".json")):
+        if path and check_writable(path).suffix.lower() != suffix:
+            raise InputError(f"{path}: its name must end in {suffix}")
+    if args.save_scene:
+        scenefile.check(args.save_scene)
+    scene = _scene() if args.picture else None
+    result = bake_with_bar(args)
+    with progress_bar(args) as show:
+        found = interruptible(lambda: compare_with(result, args.points, args.paths, args.seed, show))
+    print(found.table())
+    if scene is not None:
+        _draw(args, found, scene)
+    if args.json:
+        write_atomically(args.json, (json.dumps(_comparison(found), indent=1) + "\n").encode())
+    _finish(args, [args.picture, args.json])
 
 
-def _swatch(entry: Material) -> str:
-    import numpy as np
+def _scene() -> Scene:
+    from clsss.opengl import standalone_context
+    from clsss.scene import Scene
 
-    from clsss.export import srgb_encode
-
-    red, green, blue = np.rint(255 * srgb_encode(entry.diffuse_reflectance)).astype(int)
-    text = f"#{red:02x}{green:02x}{blue:02x}"
-    return f"\x1b[48;2;{red};{green};{blue}m    \x1b[0m {text}" if sys.stdout.isatty() else text
+    return Scene(standalone_context())
 
 
-def _describe(entry: Material) -> str:
-    rows = [
-        ("absorption sigma_a", entry.sigma_a, "1/mm"),
-        ("reduced scattering sigma_s'", entry.sigma_s_prime, "1/mm"),
-        ("mean free path 1/sigma_tr", 1 / entry.sigma_tr, "mm"),
-        ("attenuation sigma_eff", entry.sigma_eff, "1/mm"),
-        ("reduced albedo", entry.albedo, ""),
-        ("diffuse reflectance", entry.diffuse_reflectance, _swatch(entry)),
-    ]
-    lines = [entry.name, *(f"  {name:<28}{_three(values, 10)}  {unit}" for name, values, unit in rows)]
-    lines += [f"  g {entry.g:g}, eta {entry.eta:g}", f"  source: {entry.source}"]
-    return "\n".join(lines)
+def _draw(args: argparse.Namespace, found: Comparison, scene: Scene) -> None:
+    from clsss.comparison_picture import picture
+    from clsss.window import save_png, start_camera
+
+    camera = start_camera(args, found.mesh, 1.0)
+    save_png(picture(found, scene, camera, exposure=args.exposure), Path(args.picture))
+
+
+def _comparison(found: Comparison) -> dict[str, object]:
+    """The table as data."""
+    return {
+        "methods": [asdict(score) for score in found.scores],
+        "monte_carlo": {"points": len(found.points), "noise": found.noise, "seconds": found.seconds},
+        "left_out": found.left_out,
+    }
 
 
 def info(args: argparse.Namespace) -> None:
@@ -180,10 +206,7 @@ def doctor(args: argparse.Namespace) -> None:
 
 def demo(args: argparse.Namespace) -> None:
     """``clsss demo``: the generated mesh as a file of any format that trimesh writes."""
-    from pathlib import Path
-
     from clsss.demo import demo_mesh
-    from clsss.errors import InputError
     from clsss.export import check_writable, write_atomically
 
     path = check_writable(Path(args.output))
@@ -191,7 +214,5 @@ def demo(args: argparse.Namespace) -> None:
     try:
         content = mesh.export(file_type=path.suffix.lstrip(".").lower() or "ply")
     except (ValueError, KeyError) as error:
-        raise InputError(
-            f"{path}: cannot write a mesh as {path.suffix!r}; use .ply, .obj, .stl or .glb"
-        ) from error
+        raise InputError(f"{path}: cannot write a mesh as {path.suffix!r}; use .ply, .obj, .stl or .glb") from error
     write_atomically(path, content if isinstance(content, bytes) else str(content).encode())

@@ -1,7 +1,8 @@
 """What the user may say on a command line, shared by `clsss.view` and `clsss.cli`.
 
-Parsing imports nothing heavy, so help and wrong usage are told at once; request.py makes the mesh, the medium
-and the lights from what was parsed.
+An option that was not given is None, so that a scene file can say it instead (scenefile.py); DEFAULTS fill in
+what neither says. Parsing imports nothing heavy, so help and wrong usage are told at once; request.py makes the
+mesh, the medium and the lights from what was parsed.
 """
 
 from __future__ import annotations
@@ -10,11 +11,24 @@ import argparse
 import math
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 DEMO = "demo"
 DEFAULT_MATERIAL = "marble"
-DEFAULT_LIGHTS = ("directional:-0.25,-0.45,0.85:1", "directional:0.7,-0.6,-0.5:0.15")
+PAINT = "paint"
+DEFAULTS: dict[str, Any] = {
+    "phase": "similarity",
+    "resolution": 128,
+    "tolerance": 1e-4,
+    "adaptive": True,
+    "precision": "single",
+    "exposure": 0.0,
+    "up": "y",
+    "camera": (-25.0, 12.0, 1.0),
+    "window_size": (1280, 720),
+}
 _TO_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "um": 1e-3}
 
 WINDOW_HELP = (
@@ -39,6 +53,10 @@ without --light: a light from behind and a weak one from the front
 
 material file (--material FILE.toml), coefficients in 1/mm, one number or [R, G, B]:
   name = "wax"   sigma_a = [0.001, 0.002, 0.01]   sigma_s_prime = 1.5   (or sigma_s and g)   eta = 1.4
+
+scene file (SCENE.toml in place of MESH): every option above by its name, - written _, lights and blockers as
+lists; paths start at the scene file; options on the command line come first. --save-scene writes one:
+  mesh = "dragon.ply"   size = "5cm"   material = "marble"   lights = ["env:sky.hdr"]   output = "dragon.glb"
 """
 
 
@@ -89,6 +107,24 @@ class LightOption:
     in_box: bool = False
     file: str = ""
 
+    def __str__(self) -> str:
+        parts = (self.file, joined(self.vector) + "b" * self.in_box, joined(self.strength))
+        return ":".join([self.kind, *filter(None, parts)])
+
+
+def joined(values: Sequence[float]) -> str:
+    """Numbers with commas between, as `numbers` reads them, exactly."""
+    return ",".join(f"{v:g}" if float(f"{v:g}") == v else repr(float(v)) for v in values)
+
+
+def default_lights(up: str) -> list[LightOption]:
+    """What lights a mesh unless told otherwise: a light from behind and above, a weak one from the front."""
+    vectors = ((-0.25, -0.45, 0.85), 1.0), ((0.7, -0.6, -0.5), 0.15)
+    return [
+        LightOption("directional", (x, y, z) if up == "y" else (x, -z, y), (strength,))
+        for (x, y, z), strength in vectors
+    ]
+
 
 def light(text: str) -> LightOption:
     """Parse ``directional:DX,DY,DZ[:E]``, ``point:X,Y,Z[b][:I]`` or ``env:FILE``."""
@@ -120,62 +156,150 @@ def mixture(text: str) -> tuple[str, float | None, int]:
         raise argparse.ArgumentTypeError(f"{text!r}: the seed {seed!r} is no whole number") from None
 
 
+def vertex_colours(text: str) -> tuple[str, ...]:
+    """Parse ``MATERIAL_A:MATERIAL_B`` to both names, and ``paint`` to none."""
+    if text == PAINT:
+        return ()
+    dark, _, bright = text.partition(":")
+    if not (dark and bright):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: write {PAINT}, or two materials, of black and white, as marble:ketchup"
+        )
+    return dark, bright
+
+
+def window_size(text: str) -> tuple[int, int]:
+    """Pixels from ``1280x720``."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    size = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not (min(size) >= 16 and max(size) <= 16384):
+        raise argparse.ArgumentTypeError(f"{text!r} is no size; write 1280x720 (16 to 16384 each)")
+    return size
+
+
+def camera(text: str) -> tuple[float, float, float]:
+    """Azimuth, elevation and zoom from ``-25,12,1``."""
+    values = (*numbers(text, 2, 3), 1.0)[:3]
+    if not (-89 <= values[1] <= 89 and values[2] > 0):
+        raise argparse.ArgumentTypeError(f"{text!r}: the elevation lies within -89 and 89, the zoom above 0")
+    return values[0], values[1], values[2]
+
+
 def add_mesh(parser: argparse.ArgumentParser) -> None:
     """The mesh and its size."""
-    parser.add_argument("mesh", metavar="MESH", help=f"mesh file; '{DEMO}' is a built-in one of 20 mm")
+    parser.add_argument("mesh", metavar="MESH", help=f"mesh file, or SCENE.toml; '{DEMO}' is a built-in mesh of 20 mm")
     parser.add_argument(
         "--size",
         type=length,
         metavar="MM",
         help="longest side of the bounding box: 20, 20mm, 2cm, 0.1m, 1in (the file's units as mm)",
     )
+    parser.set_defaults(parser=parser)
 
 
 def add_shared(parser: argparse.ArgumentParser) -> None:
     """The options that view, bake and compare share."""
     add_mesh(parser)
-    group = parser.add_argument_group("material")
+    _add_material(parser.add_argument_group("material"))
+    group = parser.add_argument_group("light and picture")
+    group.add_argument(
+        "--light", dest="lights", type=light, action="append", metavar="LIGHT", help="see below; repeatable"
+    )
+    group.add_argument(
+        "--blocker",
+        dest="blockers",
+        action="append",
+        metavar="MESH",
+        help="another mesh, in the units and frame of the first, that keeps light from it; repeatable",
+    )
+    group.add_argument("--exposure", type=stops, metavar="EV", help="stops brighter than the automatic exposure (0)")
+    group.add_argument("--up", choices=("y", "z"), help="axis that points up (y)")
+    group = parser.add_argument_group("solver")
+    group.add_argument("--resolution", type=int, metavar="N", help="finest cells along the longest side (128)")
+    group.add_argument("--tolerance", type=float, metavar="T", help="relative residual (1e-4)")
+    group.add_argument(
+        "--no-adaptive", dest="adaptive", action="store_const", const=False, help="the finest cells everywhere"
+    )
+    group.add_argument("--precision", choices=("single", "double"), help="of the device's arithmetic (single)")
+    group.add_argument("--device", metavar="NAME", help="part of an OpenCL device's name (the best that works)")
+    parser.add_argument(
+        "--save-scene", metavar="FILE.toml", help="also write these options to a file that can stand for MESH"
+    )
+    parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+
+
+def _add_material(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--material", metavar="NAME|FILE.toml", help=f"see `clsss materials` ({DEFAULT_MATERIAL})")
     group.add_argument("--sigma-a", type=channels, metavar="R[,G,B]", help="absorption [1/mm]")
     group.add_argument("--sigma-s", type=channels, metavar="R[,G,B]", help="scattering [1/mm]")
     group.add_argument("--g", type=float, metavar="G", help="mean cosine of scattering (0)")
     group.add_argument("--eta", type=float, metavar="ETA", help="relative index of refraction (1)")
     group.add_argument(
+        "--phase",
+        choices=("similarity", "delta-eddington", "p1"),
+        help="how light that has not been scattered yet is counted where g is not 0 (similarity)",
+    )
+    group.add_argument(
         "--mix",
         type=mixture,
         metavar="NAME[:SCALE[:SEED]]",
         help="blend with another material in noise of this feature size (a quarter of the mesh)",
     )
-    group = parser.add_argument_group("light and picture")
-    group.add_argument("--light", type=light, action="append", metavar="LIGHT", help="see below; repeatable")
     group.add_argument(
-        "--exposure",
-        type=stops,
-        default=0.0,
-        metavar="EV",
-        help="stops brighter than the automatic exposure (0)",
+        "--vertex-colours",
+        type=vertex_colours,
+        metavar=f"{PAINT}|NAME:NAME",
+        help=f"what the mesh is painted with goes all the way in: {PAINT} gives the material the colours, "
+        "NAME:NAME blends from the first where it is black to the second where it is white",
     )
-    group.add_argument("--up", choices=("y", "z"), default="y", help="axis that points up (y)")
-    group = parser.add_argument_group("solver")
     group.add_argument(
-        "--resolution", type=int, default=128, metavar="N", help="finest cells along the longest side (128)"
+        "--grid",
+        metavar="FILE",
+        help="voxels (.npz .npy .nrrd .nii): coefficients, or where --mix is instead of in noise",
     )
-    group.add_argument("--tolerance", type=float, default=1e-4, metavar="T", help="relative residual (1e-4)")
-    group.add_argument("--no-adaptive", dest="adaptive", action="store_false", help="the finest cells everywhere")
-    group.add_argument("--precision", choices=("single", "double"), default="single")
-    group.add_argument("--device", metavar="NAME", help="part of an OpenCL device's name (the best that works)")
-    parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+
+
+def add_camera(parser: argparse.ArgumentParser) -> None:
+    """Where a picture is taken from."""
+    parser.add_argument(
+        "--camera",
+        type=camera,
+        metavar="AZIMUTH,ELEVATION[,ZOOM]",
+        help="degrees around the up axis from the front, degrees above it, zoom (-25,12,1)",
+    )
+
+
+def add_window_size(parser: argparse.ArgumentParser) -> None:
+    """How large a window or a picture of it is."""
+    parser.add_argument(
+        "--window-size", type=window_size, metavar="WxH", help="of window or picture, in pixels (1280x720)"
+    )
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Where a bake goes."""
+    parser.add_argument("-o", "--output", metavar="OUT", help="file to write: .glb .ply .obj .npz .vtu")
+    parser.add_argument("--report", metavar="R.json", help="also write the report: sizes, convergence, energy, seconds")
 
 
 def parse(parser: argparse.ArgumentParser, argv: list[str] | None) -> argparse.Namespace:
     """Parse, taking values such as ``-30,15`` for what they are; argparse alone takes them for options."""
-    joined: list[str] = []
+    words: list[str] = []
     for word in sys.argv[1:] if argv is None else argv:
-        if joined and re.fullmatch(r"--[a-z-]+", joined[-1]) and re.match(r"-[0-9.][^=]*,", word):
-            joined[-1] += f"={word}"
+        if words and re.fullmatch(r"--[a-z-]+", words[-1]) and re.match(r"-[0-9.][^=]*,", word):
+            words[-1] += f"={word}"
         else:
-            joined.append(word)
-    args = parser.parse_args(joined)
-    if "sigma_a" in args and not args.material and (args.sigma_a is None) != (args.sigma_s is None):
-        parser.error("--sigma-a and --sigma-s go together, unless --material gives the other")
-    return args
+            words.append(word)
+    return parser.parse_args(words)
+
+
+def conflict(args: argparse.Namespace) -> str:
+    """What contradicts itself in the options, or nothing."""
+    own = args.sigma_a is not None or args.sigma_s is not None
+    if args.vertex_colours is not None and (args.mix or args.grid):
+        return "--vertex-colours goes without --mix and --grid"
+    if args.vertex_colours and (args.material or own):
+        return "--vertex-colours NAME:NAME gives both materials; leave --material, --sigma-a and --sigma-s out"
+    if not args.material and (args.sigma_a is None) != (args.sigma_s is None):
+        return "--sigma-a and --sigma-s go together, unless --material gives the other"
+    return ""

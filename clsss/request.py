@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import difflib
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from clsss import tomlfile
 from clsss.errors import InputError
-from clsss.options import DEFAULT_LIGHTS, DEFAULT_MATERIAL, DEMO, LightOption, light
+from clsss.options import DEFAULT_MATERIAL, DEMO, LightOption, default_lights
 
 if TYPE_CHECKING:
     from clsss.lights import Light
@@ -32,6 +31,15 @@ def mesh_from(args: argparse.Namespace) -> Mesh:
     return load_mesh(args.mesh, size=args.size)
 
 
+def blockers_from(args: argparse.Namespace, mesh: Mesh) -> list[Mesh]:
+    """The meshes that keep light from the first, which were made in its frame and are scaled with it."""
+    from clsss.mesh import load_mesh
+
+    scale = mesh.report["scale"]
+    blockers = [load_mesh(path) for path in args.blockers or ()]
+    return [replace(b, vertices=b.vertices * scale, triangles=b.triangles * scale) for b in blockers]
+
+
 def size_note(args: argparse.Namespace, mesh: Mesh) -> str:
     """What size the object is taken to have, and why."""
     if args.size:
@@ -45,24 +53,73 @@ def size_note(args: argparse.Namespace, mesh: Mesh) -> str:
 
 def medium_from(args: argparse.Namespace, mesh: Mesh) -> Medium:
     """The medium that the options describe."""
-    from clsss.materials import Material, material
-
-    if args.material is None and args.sigma_a is not None:
-        base = Material(
-            args.sigma_a if len(args.sigma_a) == 3 else args.sigma_a[0],
-            args.sigma_s if len(args.sigma_s) == 3 else args.sigma_s[0],
-            0.0 if args.g is None else args.g,
-            1.0 if args.eta is None else args.eta,
-        )
-    else:
-        name = args.material or DEFAULT_MATERIAL
-        base = _override(material_file(name) if name.lower().endswith(".toml") else material(name), args)
+    if args.vertex_colours is not None:
+        return _painted(args, mesh)
+    if args.grid:
+        return _voxels(args, mesh)
+    base = _base(args)
     if args.mix is None:
         return base
     from clsss.media import Mix, Perlin
 
     name, scale, seed = args.mix
-    return Mix(base, material(name), Perlin(scale or mesh.size / 4, seed))
+    return Mix(base, _named(name), Perlin(scale or mesh.size / 4, seed))
+
+
+def _named(name: str) -> Material:
+    """A measured material, or one from a file."""
+    from clsss.materials import material
+
+    return material_file(name) if name.lower().endswith(".toml") else material(name)
+
+
+def _base(args: argparse.Namespace) -> Material:
+    from clsss.materials import Material
+
+    if args.material is None and args.sigma_a is not None:
+        return Material(
+            args.sigma_a if len(args.sigma_a) == 3 else args.sigma_a[0],
+            args.sigma_s if len(args.sigma_s) == 3 else args.sigma_s[0],
+            0.0 if args.g is None else args.g,
+            1.0 if args.eta is None else args.eta,
+        )
+    return _override(_named(args.material or DEFAULT_MATERIAL), args)
+
+
+def _painted(args: argparse.Namespace, mesh: Mesh) -> Medium:
+    """What the mesh's file is painted with, extended inward."""
+    from clsss.paint import Inward, read_colours
+
+    if mesh.name == DEMO:
+        raise InputError("the demonstration mesh has no colours for --vertex-colours")
+    points, colours = read_colours(args.mesh)
+    points = points * mesh.report["scale"]
+    if not args.vertex_colours:
+        return Inward.painted(points, colours, _base(args))
+    dark, bright = (_override(_named(name), args) for name in args.vertex_colours)
+    return Inward.blend(points, colours.mean(axis=1), dark, bright)
+
+
+def _voxels(args: argparse.Namespace, mesh: Mesh) -> Medium:
+    """What a file of voxels describes."""
+    from clsss.media import Grid, Mix, Voxels
+    from clsss.volumes import place, read_volume
+
+    volume = read_volume(args.grid)
+    try:
+        origin, spacing = place(volume, mesh)
+        if volume.coefficients is None:
+            assert volume.weight is not None
+            if args.mix is None:
+                raise InputError("holds one number a voxel, a weight; --mix NAME says of which material")
+            return Mix(_base(args), _named(args.mix[0]), Voxels(volume.weight, origin, spacing))
+        if any(option is not None for option in (args.material, args.sigma_a, args.sigma_s, args.mix)):
+            raise InputError("holds coefficients; leave --material, --sigma-a, --sigma-s and --mix out")
+        g = volume.g if args.g is None else args.g
+        eta = volume.eta if args.eta is None else args.eta
+        return Grid(*volume.coefficients, origin, spacing, g or 0.0, 1.0 if eta is None else eta)
+    except InputError as error:
+        raise InputError(f"{args.grid}: {error}") from None
 
 
 def _override(base: Material, args: argparse.Namespace) -> Material:
@@ -85,21 +142,7 @@ def material_file(path: str) -> Material:
     """
     from clsss.materials import Material
 
-    if sys.version_info >= (3, 11):
-        import tomllib
-    else:
-        import tomli as tomllib
-    try:
-        table: dict[str, Any] = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:  # not TOML, or not UTF-8
-        raise InputError(f"{path}: is no TOML file: {error}") from error
-    for key in table:
-        if key not in _MATERIAL_KEYS:
-            near = difflib.get_close_matches(key, _MATERIAL_KEYS, 1)
-            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(_MATERIAL_KEYS)}"
-            raise InputError(f"{path}: unknown key {key!r}; {hint}")
+    table = tomlfile.read(path, _MATERIAL_KEYS)
     if "sigma_a" not in table or ("sigma_s" in table) == ("sigma_s_prime" in table):
         raise InputError(f"{path}: needs sigma_a and one of sigma_s and sigma_s_prime, in 1/mm")
     name, g, eta = str(table.get("name", Path(path).stem)), table.get("g", 0.0), table.get("eta", 1.0)
@@ -113,14 +156,7 @@ def material_file(path: str) -> Material:
 
 def lights_from(args: argparse.Namespace, mesh: Mesh) -> list[Light]:
     """The lights that the options describe, in the mesh's frame."""
-    if args.light:
-        return [_light(option, mesh, args.up) for option in args.light]
-    out = []
-    for option in map(light, DEFAULT_LIGHTS):
-        x, y, z = option.vector
-        vector = (x, y, z) if args.up == "y" else (x, -z, y)
-        out.append(_light(LightOption(option.kind, vector, option.strength), mesh, args.up))
-    return out
+    return [_light(option, mesh, args.up) for option in args.lights or default_lights(args.up)]
 
 
 def _light(option: LightOption, mesh: Mesh, up: str) -> Light:

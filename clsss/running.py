@@ -12,7 +12,7 @@ import os
 import sys
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from clsss.errors import DeviceError, InputError
@@ -84,7 +84,9 @@ def _fail(message: str) -> int:
 
 def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     if issubclass(category, UserWarning):  # the others speak to developers
-        print("clsss: warning:", " ".join(str(message).split()), file=sys.stderr)
+        from tqdm import tqdm
+
+        tqdm.write(f"clsss: warning: {' '.join(str(message).split())}", file=sys.stderr)  # above the bar
 
 
 def interruptible(work: Callable[[], T]) -> T:
@@ -119,9 +121,11 @@ def load(args: argparse.Namespace) -> Mesh:
 
 def bake(args: argparse.Namespace, mesh: Mesh, progress: Callable[[str, float], None] | None) -> Result:
     """Simulate what the options ask for."""
-    from clsss.request import lights_from, medium_from
+    from clsss.request import blockers_from, lights_from, medium_from
     from clsss.simulate import simulate
 
+    if args.quiet:
+        warnings.simplefilter("ignore", UserWarning)
     return simulate(
         mesh,
         medium_from(args, mesh),
@@ -131,21 +135,30 @@ def bake(args: argparse.Namespace, mesh: Mesh, progress: Callable[[str, float], 
         tolerance=args.tolerance,
         precision=args.precision,
         device=args.device,
+        phase=args.phase,
+        blockers=blockers_from(args, mesh),
         progress=progress,
     )
 
 
-def bake_with_bar(args: argparse.Namespace) -> Result:
-    """Load and bake, with a progress bar if somebody watches; Ctrl-C works throughout."""
-    mesh = interruptible(lambda: load(args))
+@contextlib.contextmanager
+def progress_bar(args: argparse.Namespace) -> Iterator[Callable[[str, float], None]]:
+    """A bar that follows the stages it is told, if somebody watches."""
     from tqdm import tqdm
 
     watched = sys.stderr.isatty() and not args.quiet
-    layout = "{desc:<10}{percentage:3.0f}% |{bar}| {elapsed}"
+    layout = "{desc:<12}{percentage:3.0f}% |{bar}| {elapsed}"
     with tqdm(total=1.0, disable=not watched, leave=False, bar_format=layout, file=sys.stderr) as bar:
 
         def show(stage: str, fraction: float) -> None:
             bar.set_description_str(stage, refresh=False)
-            bar.update(max(0.0, overall(stage, fraction) - bar.n))
+            bar.update((overall(stage, fraction) if stage in _STAGES else fraction) - bar.n)
 
+        yield show
+
+
+def bake_with_bar(args: argparse.Namespace) -> Result:
+    """Load and bake, with a progress bar; Ctrl-C works throughout."""
+    mesh = interruptible(lambda: load(args))
+    with progress_bar(args) as show:
         return interruptible(lambda: bake(args, mesh, show))

@@ -6,10 +6,10 @@ The window opens at once and shows the mesh in grey; a thread bakes and the wind
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 
-from clsss.options import LIGHT_HELP, WINDOW_HELP, add_shared, numbers, parse
+from clsss import scenefile
+from clsss.options import LIGHT_HELP, WINDOW_HELP, add_camera, add_shared, add_window_size
 from clsss.running import bake_with_bar, leave, run
 
 
@@ -19,11 +19,17 @@ def main(argv: list[str] | None = None) -> None:
     def command() -> None:
         from clsss.window import Window
 
-        args = parse(_parser(), argv)
+        args = scenefile.parse(_parser(), argv)
+        if args.save_scene:
+            scenefile.check(args.save_scene)
         if args.screenshot:
             screenshot(args)
         else:
-            Window(args).run()
+            window = Window(args)
+            window.run()
+            args = window.seen()
+        if args.save_scene:
+            scenefile.save(args, args.save_scene)
 
     try:
         code = run(command)
@@ -41,32 +47,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_shared(parser)
     parser.add_argument("--screenshot", metavar="OUT.png", help="write this picture and open no window")
-    parser.add_argument(
-        "--window-size", type=_window_size, default=(1280, 720), metavar="WxH", help="of window or picture, in pixels (1280x720)"
-    )
-    parser.add_argument(
-        "--camera",
-        type=_camera,
-        default=(-25.0, 12.0, 1.0),
-        metavar="AZIMUTH,ELEVATION[,ZOOM]",
-        help="degrees around the up axis from the front, degrees above it, zoom (-25,12,1)",
-    )
+    add_window_size(parser)
+    add_camera(parser)
     return parser
-
-
-def _window_size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    size = (int(match[1]), int(match[2])) if match else (0, 0)
-    if not (min(size) >= 16 and max(size) <= 16384):
-        raise argparse.ArgumentTypeError(f"{text!r} is no size; write 1280x720 (16 to 16384 each)")
-    return size
-
-
-def _camera(text: str) -> tuple[float, float, float]:
-    values = (*numbers(text, 2, 3), 1.0)[:3]
-    if not (-89 <= values[1] <= 89 and values[2] > 0):
-        raise argparse.ArgumentTypeError(f"{text!r}: the elevation lies within -89 and 89, the zoom above 0")
-    return values[0], values[1], values[2]
 
 
 def screenshot(args: argparse.Namespace) -> None:

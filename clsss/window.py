@@ -17,7 +17,7 @@ import numpy as np
 from clsss.camera import Camera, fitted
 from clsss.export import check_writable, display_scale, write_atomically
 from clsss.opengl import open_window
-from clsss.options import WINDOW_HELP
+from clsss.options import WINDOW_HELP, LightOption, default_lights
 from clsss.overlay import panel
 from clsss.running import bake, load, overall
 from clsss.scene import Scene
@@ -101,7 +101,7 @@ class Window:
         self.lights: list[Light] = []
         self.exposure = args.exposure
         self.message, self.message_ends = "", 0.0
-        self.shows_help = self.moves_light = False
+        self.shows_help = self.moves_light = self.turned = False
         self.pointer = glfw.get_cursor_pos(self.window)
         self._shown: object = None
 
@@ -121,6 +121,21 @@ class Window:
             while not self.baker.events.empty():
                 self._take(self.baker.events.get())
             self._draw()
+
+    def seen(self) -> argparse.Namespace:
+        """The options that show what the window shows: its camera, exposure and lights in them."""
+        args = argparse.Namespace(**vars(self.args))
+        args.exposure = self.exposure
+        if self.camera is not None and self.scene.mesh is not None:
+            width, height = self._size()
+            angles = round(self.camera.azimuth, 2), round(self.camera.elevation, 2)
+            args.camera = (*angles, 1.0)
+            zoom = start_camera(args, self.scene.mesh, width / height).distance / self.camera.distance
+            args.camera = (*angles, round(zoom, 3))
+        if self.turned:
+            options = args.lights or default_lights(args.up)
+            args.lights = [as_option(*pair) for pair in zip(options, self.lights, strict=True)]
+        return args
 
     def _take(self, event: Any) -> None:
         if isinstance(event, BaseException):
@@ -240,6 +255,7 @@ class Window:
         right, over, _ = self.camera.axes()
         turn = rotation(right, down) @ rotation(over, across)
         self.lights = [turned(light, turn, self.scene.mesh.bounds.mean(axis=0)) for light in self.lights]
+        self.turned = True
         self.baker.lights.put(self.lights)
 
 
@@ -259,3 +275,20 @@ def turned(light: Light, turn: np.ndarray, centre: np.ndarray) -> Light:
     if isinstance(light, PointLight):
         return replace(light, position=centre + turn @ (light.position - centre))
     return light
+
+
+def as_option(option: LightOption, light: Light) -> LightOption:
+    """The option that gives the light, which was turned since its own option gave it."""
+    from clsss.lights import DirectionalLight, PointLight
+
+    if isinstance(light, DirectionalLight):
+        vector, strength = light.direction, light.irradiance
+    elif isinstance(light, PointLight):
+        vector, strength = light.position, light.intensity
+    else:
+        return option
+    return LightOption(option.kind, tuple(map(_rounded, vector)), tuple(map(_rounded, strength)))
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}")

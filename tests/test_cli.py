@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsss import cli, images, options, request, running
+from clsss import cli, images, options, request, running, scenefile
 from clsss.errors import DeviceError, InputError
 
 ROOT = Path(__file__).parent.parent
@@ -25,8 +25,8 @@ ROOT = Path(__file__).parent.parent
 def parsed(*words):
     parser = argparse.ArgumentParser()
     options.add_shared(parser)
-    parser.add_argument("--camera")
-    return options.parse(parser, ["mesh.ply", *words])
+    options.add_camera(parser)
+    return scenefile.parse(parser, ["mesh.ply", *words])
 
 
 def box(size=20.0):
@@ -151,7 +151,7 @@ def test_material_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("sigma_a = 1\nsigma_t = 2", "did you mean sigma_"),
+        ("sigma_a = 1\nsigma_t = 2", "did you mean 'sigma_"),
         ("sigma_a = 1", "needs sigma_a and one of"),
         ("sigma_a = 1\nsigma_s = 1\nsigma_s_prime = 1", "needs sigma_a and one of"),
         ("sigma_a = -1\nsigma_s = 1", "sigma_a"),
@@ -168,7 +168,7 @@ def test_bad_material_file(tmp_path, text, says):
 
 
 def test_values_may_begin_with_a_minus_sign():
-    assert parsed("--camera", "-30,15").camera == "-30,15"
+    assert parsed("--camera", "-30,15").camera == (-30, 15, 1)
     assert parsed("--exposure", "-1").exposure == -1
 
 
@@ -232,10 +232,9 @@ def test_missing_mesh(tmp_path):
 
 
 def test_materials_lists_all_and_shows_one(capsys):
-    args = SimpleNamespace(name=None)
-    cli.list_materials(args)
+    cli.show_materials(SimpleNamespace(name=None))
     assert "marble " in capsys.readouterr().out
-    cli.list_materials(SimpleNamespace(name="marble"))
+    cli.show_materials(SimpleNamespace(name="marble"))
     assert "2.19" in capsys.readouterr().out
 
 

@@ -26,9 +26,10 @@ LAYERS = {
         "pointtree",
         "bvh",
     ],
-    0.1: ["media", "lights", "rays", "options", "opengl", "overlay", "winding"],
+    0.1: ["media", "lights", "rays", "options", "opengl", "overlay", "winding", "tomlfile", "paint"],
     0.2: ["repair", "scene", "doctor"],
     0.3: ["mesh"],
+    0.4: ["validity", "volumes"],
     1: ["cutcell", "transport", "dipole"],
     1.1: ["paths", "photons"],
     1.2: ["montecarlo"],
@@ -42,7 +43,7 @@ LAYERS = {
     5: ["simulate"],
     5.1: ["compare"],
     6: ["export", "request"],
-    6.1: ["running", "comparison_picture"],
+    6.1: ["running", "comparison_picture", "scenefile", "listing"],
     6.2: ["window"],
     7: ["view"],
     8: ["cli"],
@@ -53,10 +54,15 @@ LAYER_OF = {module: layer for layer, modules in LAYERS.items() for module in mod
 UPWARD = {("simulate", "export")}
 ONLY_IN = {
     "pyopencl": {"device", "doctor"},
-    "trimesh": {"mesh", "meshfile", "rays", "repair", "demo", "export"},
+    "trimesh": {"mesh", "meshfile", "rays", "repair", "demo", "export", "paint"},
     "embreex": {"mesh", "rays"},
     "moderngl": {"opengl", "scene", "doctor"},
     "glfw": {"opengl", "window"},
+    "tomllib": {"tomlfile"},
+    "tomli": {"tomlfile"},
+    "tomli_w": {"scenefile"},
+    "nrrd": {"volumes"},
+    "nibabel": {"volumes"},
 }
 MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsss import view
+from clsss import options, scenefile, view
 from clsss.camera import Camera, fitted
 from clsss.errors import DeviceError
 from clsss.export import srgb_encode
@@ -122,9 +122,7 @@ def test_lights_turn_around_the_mesh():
 
     quarter = rotation(np.array([0, 0, 1.0]), np.pi / 2)
     centre = np.array([1.0, 1, 0])
-    np.testing.assert_allclose(
-        turned(DirectionalLight((1, 0, 0), 3), quarter, centre).direction, (0, 1, 0), atol=1e-15
-    )
+    np.testing.assert_allclose(turned(DirectionalLight((1, 0, 0), 3), quarter, centre).direction, (0, 1, 0), atol=1e-15)
     np.testing.assert_allclose(turned(PointLight((3, 1, 0)), quarter, centre).position, (1, 3, 0), atol=1e-15)
     sky = EnvironmentLight(1.0)
     assert turned(sky, quarter, centre) is sky
@@ -135,8 +133,7 @@ def test_overlay_grows_with_its_text_and_its_bar_with_progress():
     assert long.shape > short.shape
     assert short.shape[2] == 4
     filled = [
-        np.count_nonzero((panel(["solve"], fraction=f)[..., :3] == (226, 160, 92)).all(axis=2))
-        for f in (0.1, 0.9)
+        np.count_nonzero((panel(["solve"], fraction=f)[..., :3] == (226, 160, 92)).all(axis=2)) for f in (0.1, 0.9)
     ]
     assert filled[1] > 5 * filled[0]
 
@@ -146,9 +143,7 @@ def test_baker_reports_mesh_then_results_and_takes_the_last_lights(monkeypatch):
         return SimpleNamespace(lights=lights, relight=lambda new, progress: result(new))
 
     monkeypatch.setattr("clsss.window.load", lambda args: "mesh")
-    monkeypatch.setattr(
-        "clsss.window.bake", lambda args, mesh, progress: progress("solve", 0.5) or result("first")
-    )
+    monkeypatch.setattr("clsss.window.bake", lambda args, mesh, progress: progress("solve", 0.5) or result("first"))
     baker = Baker(SimpleNamespace(), lambda: None)
     for lights in ("dropped", "last"):
         baker.lights.put(lights)
@@ -167,13 +162,13 @@ def test_baker_hands_over_its_error(monkeypatch):
 @pytest.mark.parametrize("text", ["1", "1,2,3,4", "0,90", "0,0,0", "a,b"])
 def test_bad_camera(text):
     with pytest.raises(argparse.ArgumentTypeError):
-        view._camera(text)
+        options.camera(text)
 
 
 @pytest.mark.parametrize("text", ["", "12", "1x1", "800x99999", "axb"])
 def test_bad_window_size(text):
     with pytest.raises(argparse.ArgumentTypeError):
-        view._window_size(text)
+        options.window_size(text)
 
 
 def test_screenshot_of_the_demonstration_mesh(tmp_path):
@@ -189,7 +184,7 @@ def test_screenshot_of_the_demonstration_mesh(tmp_path):
         "--resolution",
         "16",
     ]
-    args = view.parse(view._parser(), [*words, "--quiet"])
+    args = scenefile.parse(view._parser(), [*words, "--quiet"])
     try:
         view.screenshot(args)
     except DeviceError as error:
