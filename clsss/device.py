@@ -131,8 +131,8 @@ class Buffer:
     def __init__(self, device: Device, shape: tuple[int, ...], dtype: np.dtype, data: cl.Buffer | None = None):
         self.device, self.shape, self.dtype = device, tuple(int(s) for s in shape), np.dtype(dtype)
         self.nbytes = int(np.prod(self.shape, dtype=np.int64)) * self.dtype.itemsize
-        self._owned = 0 if data is not None else self.nbytes
         self.data = device._allocate(self.nbytes) if data is None else data
+        self._owned = 0 if data is not None else self.nbytes
 
     def get(self) -> np.ndarray:
         """A copy on the host (waits for the queue)."""

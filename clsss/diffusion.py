@@ -194,10 +194,16 @@ class Residual:
     ----------
     device : Device
     op : Operator
+
+    Attributes
+    ----------
+    wall : (n_cut, 4) real, device
+        3 D q1 . n of the source at the boundary, which the gradients there need [W/mm^2].
     """
 
     def __init__(self, device: Device, op: Operator):
         self.device, self.op = device, op
+        self.wall = device.zeros((op.octree.cut.n, CHANNELS))
         d = op.medium.defines
         self._average = device.kernel("restrict", "average", *d)
         self._carry = device.kernel("prolong", "carry_ghosts")
@@ -221,7 +227,7 @@ class Residual:
         octree, cut, finest = op.octree, op.octree.cut, levels[-1]
         run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, octree.grid.dims, op.medium.D[-1],
             octree.block, octree.brick, finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary,
-            cut.normal, op.inverse, phi[-1], op.slope)  # fmt: skip
+            cut.normal, op.inverse, self.wall, phi[-1], op.slope)  # fmt: skip
 
     def __call__(self, phi: Field, b: Field, r: Field, completed: bool = False) -> None:
         """Overwrite `r` with b - A_h phi on the leaves, zero on covered cells.

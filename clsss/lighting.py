@@ -146,6 +146,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
             device, octree, medium, list(lights), unit, scene.blockers, lambda f: tell("source", f)
         )
     with timed("solve", seconds, tell):
+        scene.multigrid.residual.wall = source.wall
         phi = Field(device, octree)
         follower = Interreflection(scene, source) if scene.exchange else None
         if last is not None:
@@ -168,6 +169,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
 def interpolate(scene: Scene, solution: Solution, points: np.ndarray) -> np.ndarray:
     """Fluence (n, 3) at points (n, 3) [mm], linear about the centroids of the leaves that hold them; else NaN."""
     octree, phi = scene.octree, solution.phi
+    scene.multigrid.residual.wall = solution.source.wall
     scene.multigrid.residual.complete(phi)
     out = np.full((len(points), 3), np.nan)
     depth, index = octree.find(points)

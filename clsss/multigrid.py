@@ -18,7 +18,8 @@ import numpy as np
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, Operator, Residual, channels
 
-SWEEPS = 2
+SWEEPS = 2  # before and after the coarser level, on the finest
+COARSE_SWEEPS = 3  # on the others: little work, and what they leave undone adds up from level to level
 PARTIAL_SUMS = 1024
 DEPTH = 3  # cycles that Anderson acceleration looks back on
 SLOW = 0.25  # a plain cycle that reduces the residual less is accelerated
@@ -98,9 +99,10 @@ class Multigrid:
             inverse[:, :, channel] = np.linalg.inv(A)
         return self.device.array(inverse)
 
-    def smooth(self, k: int, sweeps: int = SWEEPS) -> None:
+    def smooth(self, k: int, sweeps: int | None = None) -> None:
         """Red-black sweeps on level `k`."""
         level = self.op.octree.levels[k]
+        sweeps = sweeps or (SWEEPS if k == len(self.e) - 1 else COARSE_SWEEPS)
         red, black, end = level.colour_start
         for _ in range(sweeps):
             for first, n in ((red, black - red), (black, end - black)):

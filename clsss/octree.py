@@ -176,7 +176,7 @@ def _split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Ref
         again = open_cells[refine(centres, h, depth)]
         near[tuple(again.T)] = True
         split.insert(0, has[level] & near)
-        near = _dilate(_pool(split[0]), 1)
+        near = _dilate(_pool(split[0]), BAND // 2)
         layers = -_pool_max(-layers)
     return split
 

@@ -37,12 +37,15 @@ class Source:
         What each leaf receives, in the operator's scale.
     moment : (n_cut, 4) real, device
         First moment r_B of the source between centroid and surface [W/mm^2].
+    wall : (n_cut, 4) real, device
+        3 D q1 . n at the boundary [W/mm^2].
     deposited, incident : (3,) float
         Power deposited, and power that the beams bring through the surface [W].
     """
 
     b: Field
     moment: Buffer
+    wall: Buffer
     deposited: np.ndarray
     incident: np.ndarray
 
@@ -76,7 +79,7 @@ class Beams:
         self.device, self.octree, self.medium = device, octree, medium
         n_cut = octree.cut.n
         self.Q = Field(device, octree)
-        self.moment = device.zeros((n_cut, CHANNELS))
+        self.moment, self.wall = device.zeros((n_cut, CHANNELS)), device.zeros((n_cut, CHANNELS))
         self.incident = np.zeros(3)
         self._F = Field(device, octree)
         self._F_B = device.empty((n_cut, CHANNELS))
@@ -160,7 +163,7 @@ class Beams:
                        F[k + 1], self.Q[k])  # fmt: skip
         kernel = device.kernel("source", "moment", *defines)
         device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], finest.position,
-                   cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment)  # fmt: skip
+                   cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment, self.wall)  # fmt: skip
 
     def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:
         """The beam of a lamp inside the object starts in a cell: what it emits there is no divergence of B."""
@@ -244,7 +247,7 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
     for level, D, q in zip(octree.levels, medium.D, b, strict=True):
         device.run(scale, level.n, level.n, D, q, q)
     subtract_moment(device, octree, medium, beams.moment, b[-1])
-    return Source(b, beams.moment, deposited * unit, beams.incident * unit)
+    return Source(b, beams.moment, beams.wall, deposited * unit, beams.incident * unit)
 
 
 def subtract_moment(device: Device, octree: Octree, medium: Coefficients, moment: Buffer, b: Buffer) -> None:

@@ -5,6 +5,10 @@
  * The finest level comes from the cut cells' moments; coarser ones need no geometry: a coarse face adds half the
  * fine faces' T, which is the arithmetic mean of area D over twice the distance, and absorb is a plain sum.
  */
+
+/* Between a covered cell and a leaf the smooth part of a correction sees 3/4 of the fine faces' T (the distance grows
+ * from 3h/2 to 2h), a leaf among fine cells all of it: measured, this share serves both. */
+#define TO_LEAF ((REAL)0.85)
 #include "real.h"
 #include "face.h"
 #include "conductance.h"
@@ -73,8 +77,8 @@ __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_
         if (j == i) t = 0;
         else if (j >= n) t = across(h * h, h / 2, h, AT(D, i), AT(D_coarse, parent[j]));
         else if (is_leaf[i] && is_leaf[j]) t = across(h * h, h / 2, h / 2, AT(D, i), AT(D, j));
-        else if (is_leaf[i]) t = (REAL)0.75 * sum_side(j, f ^ 1, !(f & 1), child, T_fine);
-        else t = (is_leaf[j] ? (REAL)0.75 : (REAL)0.5) * sum_side(i, f, f & 1, child, T_fine);
+        else if (is_leaf[i]) t = TO_LEAF * sum_side(j, f ^ 1, !(f & 1), child, T_fine);
+        else t = (is_leaf[j] ? TO_LEAF : (REAL)0.5) * sum_side(i, f, f & 1, child, T_fine);
         T[6 * i + f] = t;
     }
     REAL4 sink = (REAL4)(0);

@@ -2,7 +2,7 @@
  *
  * Rows: the neighbours within one cell, dx . g = phi_k - phi_i with weight sqrt(kappa_k) / max(|dx|^2, 0.05), and
  * one for the boundary condition,
- *     g . (D n / h + (x_B - x_i) / 2A) = -phi_i / 2A.
+ *     g . (D n / h + (x_B - x_i) / 2A) = -phi_i / 2A + 3 D q1 . n.
  */
 #include "real.h"
 #include "tree.h"
@@ -131,8 +131,8 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, const in
                        __global const int *restrict position, __global const int *restrict cut_cell,
                        __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                        __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                       __global const REAL4 *restrict inverse, __global const REAL4 *restrict x,
-                       __global REAL4 *restrict slope) {
+                       __global const REAL4 *restrict inverse, __global const REAL4 *restrict wall,
+                       __global const REAL4 *restrict x, __global REAL4 *restrict slope) {
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
@@ -152,10 +152,11 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, const in
                 sz += d.z * rise;
             }
     const REAL4 offset = (boundary[c] - centroid[c]) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
+    const REAL4 beyond = value - 2 * fresnel_A * wall[c];
     REAL *restrict px = (REAL *)&sx, *restrict py = (REAL *)&sy, *restrict pz = (REAL *)&sz;
     for (int channel = 0; channel < 3; channel++) {
         const REAL4 row = boundary_row(offset, nrm, boundary[c].w, component(AT(D, i), channel) / h, fresnel_A);
-        const REAL right = row.w * component(value, channel);
+        const REAL right = row.w * component(beyond, channel);
         px[channel] += row.x * right;
         py[channel] += row.y * right;
         pz[channel] += row.z * right;
