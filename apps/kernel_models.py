@@ -1,0 +1,146 @@
+"""What kernels must compute, in numpy: apps/bench_kernels.py checks each after it timed it.
+
+A model takes the arguments of a launch by the names of the kernel's source, arrays in double precision and as they
+were before it, and returns what must be in the arrays that it wrote.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+Arguments = dict[str, Any]
+
+
+def _per_face(T: np.ndarray) -> np.ndarray:
+    """Transmissibilities (n, 6, 1) or (n, 6, 4)."""
+    return T.reshape(len(T), 6, -1)
+
+
+def _outflow(a: Arguments, x: np.ndarray, open_face: np.ndarray | float = 1.0) -> np.ndarray:
+    """Residual b - A x of the first cells of `nbr`."""
+    nbr, T = a["nbr"], _per_face(a["T"])
+    own = x[: len(nbr)]
+    flux = T * (x[nbr] - own[:, None]) * open_face
+    return a["b"][: len(nbr)] - a["absorb"] * own + flux.sum(axis=1)
+
+
+def smooth(a: Arguments) -> Arguments:
+    x, rows = a["x"].copy(), slice(a["first"], a["first"] + a["n"])
+    T = _per_face(a["T"])[rows]
+    x[rows] = (a["b"][rows] + (T * x[a["nbr"][rows]]).sum(axis=1)) / (a["absorb"][rows] + T.sum(axis=1))
+    return {"x": x}
+
+
+def residual(a: Arguments) -> Arguments:
+    r = a["r"].copy()
+    r[: a["n"]] = _outflow(a, a["x"])
+    return {"r": r}
+
+
+def residual_of_leaves(a: Arguments) -> Arguments:
+    n, leaf, r = a["n"], a["is_leaf"].astype(bool), a["r"].copy()
+    open_face = np.append(leaf, np.ones(len(a["x"]) - n, bool))[a["nbr"]]
+    r[:n] = _outflow(a, a["x"], open_face[..., None]) * leaf[:, None]
+    return {"r": r}
+
+
+def reflux(a: Arguments) -> Arguments:
+    r, face = a["r"].copy(), a["ghost_face"]
+    T = _per_face(a["T_fine"]).reshape(-1, _per_face(a["T_fine"]).shape[2])
+    ghosts = a["n_fine"] + np.arange(len(face))
+    flux = T[face] * (a["x_fine"][face // 6] - a["x_fine"][ghosts])
+    r[a["interface"]] += np.add.reduceat(flux, a["interface_start"][:-1])
+    return {"r": r}
+
+
+def _children(a: Arguments, values: np.ndarray) -> np.ndarray:
+    """Sum over the children of every coarse cell."""
+    padded = np.concatenate([values, np.zeros((1, values.shape[1]))])
+    return padded[np.where(a["child"] < 0, len(values), a["child"])].sum(axis=1)
+
+
+def restrict_residual(a: Arguments) -> Arguments:
+    out, covered = a["b_coarse"].copy(), np.flatnonzero(a["is_leaf"] == 0)
+    out[covered] = _children(a, _outflow(a, a["x"]))[covered]
+    return {"b_coarse": out}
+
+
+def average(a: Arguments) -> Arguments:
+    out, covered = a["x_coarse"].copy(), np.flatnonzero(a["is_leaf"] == 0)
+    count = np.maximum((a["child"] >= 0).sum(axis=1), 1)[:, None]
+    out[covered] = (_children(a, a["x"]) / count)[covered]
+    return {"x_coarse": out}
+
+
+def prolong(a: Arguments) -> Arguments:
+    n, x, parent, coarse, w = a["n"], a["x"].copy(), a["parent"], a["x_coarse"], a["weight"]
+    x[:n] += w[:, 3:] * coarse[parent[:n]]
+    for axis in range(3):
+        outward = a["nbr"][np.arange(n), 2 * axis + (a["position"][:, axis] & 1)]
+        x[:n] += w[:, axis : axis + 1] * coarse[parent[outward]]
+    return {"x": x}
+
+
+def copy_ghosts(a: Arguments) -> Arguments:
+    x, n = a["x"].copy(), a["n_cells"]
+    x[n : n + a["n"]] = a["x_coarse"][a["parent"][n : n + a["n"]]]
+    return {"x": x}
+
+
+def _vector(value: Any) -> np.ndarray:
+    return np.array(value.tolist(), float)
+
+
+def combine(a: Arguments) -> Arguments:
+    return {"y": _vector(a["a"]) * a["x"] + _vector(a["b"]) * a["y"]}
+
+
+def inner_product(a: Arguments) -> Arguments:
+    n, stride = a["n"], a["stride"]
+    partial, terms = a["partial"].copy(), a["x"][:n] * a["y"][:n]
+    padded = np.concatenate([terms, np.zeros((-n % stride, 4))])
+    partial[:stride] = padded.reshape(-1, stride, 4).sum(axis=0)
+    return {"partial": partial}
+
+
+def solve_coarsest(a: Arguments) -> Arguments:
+    x, n = a["x"].copy(), a["n"]
+    x[:n] = np.einsum("ijc,jc->ic", a["inverse"], a["b"][:n])
+    return {"x": x}
+
+
+MODELS = {
+    model.__name__: model
+    for model in (
+        smooth, residual, residual_of_leaves, reflux, restrict_residual, average, prolong, copy_ghosts, combine,
+        inner_product, solve_coarsest,
+    )
+}  # fmt: skip
+
+
+def verify(name: str, before: Arguments, after: Arguments, eps: float) -> str:
+    """Compare: "numpy" where the kernel has a model and agrees with it, "" where it has none; otherwise the error.
+
+    Parameters
+    ----------
+    before, after : dict
+        Arguments of the launch, before and after it.
+    eps : float
+        Spacing of the device's numbers at 1.
+    """
+    if name not in MODELS:
+        return ""
+    model = {k: v.astype(float) if isinstance(v, np.ndarray) and v.dtype.kind == "f" and v.ndim else v
+             for k, v in before.items()}  # fmt: skip
+    terms = 0.0  # what cancels in sums of fluxes
+    for T, x in (("T", "x"), ("T_fine", "x_fine")):
+        if T in model and x in model:
+            terms = float(np.abs(model[T]).max() * np.abs(model[x]).max())
+    for key, expected in MODELS[name](model).items():
+        size = max(float(np.abs(expected).max(initial=0)), float(np.abs(before[key]).max(initial=0)), terms, 1e-30)
+        error = float(np.abs(after[key] - expected).max(initial=0)) / size
+        if not error < 100 * eps:
+            return f"{key} off by {error:.1e}"
+    return "numpy"

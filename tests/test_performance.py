@@ -1,0 +1,57 @@
+"""Kernels keep up with the machine's memory: times only as shares of a triad next to them, never in seconds.
+
+The ball fits the caches of many machines, which helps the kernels and not the triad; the bounds are far below what any
+machine should show, and catch a kernel that lost a factor.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "apps"))
+from bench_kernels import AT_LEAST, MEDIA, check, measure_cycle, pipeline
+from measuring import Recorder, Triad, paired
+
+CELLS = 48
+LEAST_SHARE = 0.15  # of the triad's bandwidth, by the declared bytes
+MOST_UNITS = 2.5  # of the time the triad needs to move 1 GB, for a V(2,2) with residual: launches count, cells hardly
+ROUNDS = 7
+TRIES = 3  # other work on the machine may spoil a few
+
+
+@pytest.fixture(scope="module")
+def bench(single):
+    """What times launches, and the triad."""
+    device = Recorder(precision="single")
+    return device, Triad(device)
+
+
+@pytest.fixture(scope="module", params=MEDIA)
+def solved(bench, request):
+    """The launches of a whole bake of a ball; its multigrid and right-hand side."""
+    device, _ = bench
+    device.launches.clear()
+    device.recording = True
+    found = pipeline(device, CELLS, MEDIA[request.param], adaptive=False)
+    device.recording = False
+    return found
+
+
+@pytest.mark.parametrize("name", AT_LEAST)
+def test_kernels_keep_up_with_memory(bench, solved, name):
+    device, triad = bench
+    launch = device.launches[name]
+    nbytes = launch.cost()[0]
+    unit, timed = partial(triad.unit, device.seconds, nbytes), partial(device.seconds, launch.run, launch.restore)
+    shares = (1e-9 * nbytes / paired(unit, timed, ROUNDS)[1] for _ in range(TRIES))
+    assert any(share > LEAST_SHARE for share in shares)
+    assert check(launch) == "numpy"
+
+
+def test_cycles_take_no_longer_than_reading_memory(bench, solved):
+    tries = (measure_cycle(*bench, *solved, ROUNDS)[1] for _ in range(TRIES))
+    assert any(units < MOST_UNITS for units in tries)
