@@ -16,7 +16,8 @@ BYTES_PER_CELL = 450  # host and device together, at the peak
 BYTES_PER_GRID_CELL = 4  # of the dense box, while the octree is built
 
 
-def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, blockers: Any) -> None:
+def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, scattering: Any,
+          blockers: Any) -> None:  # fmt: skip
     """Refuse arguments of `simulate` that are of the wrong kind or out of range.
 
     Raises
@@ -34,6 +35,10 @@ def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, b
         raise InputError(f"tolerance: needs a number between 0 and 1, got {tolerance!r}")
     if phase not in PHASES:
         raise InputError(f"phase: unknown value {phase!r}; use {', '.join(PHASES)}")
+    if scattering not in ("all", "split"):
+        raise InputError(f"scattering: unknown value {scattering!r}; use all or split")
+    if scattering == "split" and blockers:
+        raise InputError("scattering: split does not know blockers yet; use all, or leave the blockers out")
     if not isinstance(blockers, (list, tuple)) or not all(isinstance(body, Mesh) for body in blockers):
         raise InputError("blockers: needs a list of meshes from clsss.load_mesh")
 

@@ -20,7 +20,9 @@ from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
 from clsss.octree import Octree
 from clsss.rays import RayCaster
+from clsss.single import exitance_once
 from clsss.source import Source, light_unit, make_source, subtract_moment
+from clsss.surface import boundary_points
 
 Progress = Callable[[str, float], None]
 
@@ -36,6 +38,7 @@ class Scene:
     multigrid: Multigrid
     exchange: Exchange | None
     blockers: RayCaster | None
+    unreduced: Coefficients | None  # where light scattered once is traced
     tolerance: float
 
 
@@ -52,7 +55,9 @@ class Solution:
     flux : (n_cut, 3) float64
         J.n at the boundary of the cut cells: what leaves them for good.
     exitance, fluence : (n_cut, 4) real, device
-        All scattered light that comes out there (J.n + H_t), and the fluence just inside.
+        All scattered light that comes out there, and the fluence of diffuse light just inside.
+    once : (n_cut, 4) real, device, or None
+        The part of the exitance that was scattered once, where it is traced.
     leaving : (p, 3) float64
         B of each patch of the exchange.
     source : Source
@@ -64,6 +69,7 @@ class Solution:
     flux: np.ndarray
     exitance: Buffer
     fluence: Buffer
+    once: Buffer | None
     leaving: np.ndarray
     source: Source
     convergence: Convergence
@@ -81,7 +87,8 @@ class Interreflection:
     Its state is B (p, 3), all light that leaves each patch: B <- J.n + F B.
     """
 
-    def __init__(self, scene: Scene, source: Source):
+    def __init__(self, scene: Scene, source: Source, once: np.ndarray):
+        self.once = once
         assert scene.exchange is not None
         self.scene, self.exchange = scene, scene.exchange
         self.state = np.zeros((scene.exchange.share.shape[0], 3))
@@ -97,7 +104,7 @@ class Interreflection:
         """One step of the exchange; how far B moved, relative to its size."""
         self._set_moment()
         flux = boundary_flux(self.scene.multigrid.residual, phi, self.moment)
-        last, self.state = self.state, self.exchange.share @ flux + self.exchange.arriving @ self.state
+        last, self.state = self.state, self.exchange.share @ (flux + self.once) + self.exchange.arriving @ self.state
         size = np.linalg.norm(self.state, axis=0)
         return float((np.linalg.norm(self.state - last, axis=0) / np.where(size > 0, size, 1)).max())
 
@@ -145,10 +152,16 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         source = make_source(
             device, octree, medium, list(lights), unit, scene.blockers, lambda f: tell("source", f)
         )
+    with timed("single", seconds, tell):
+        once = np.zeros((octree.cut.n, 3))
+        if scene.unreduced:
+            points, normals = boundary_points(octree)
+            once = exitance_once(device, octree, scene.unreduced, list(lights), unit, points, normals,
+                                 lambda f: tell("single", f))  # fmt: skip
     with timed("solve", seconds, tell):
         scene.multigrid.residual.wall = source.wall
         phi = Field(device, octree)
-        follower = Interreflection(scene, source) if scene.exchange else None
+        follower = Interreflection(scene, source, once) if scene.exchange else None
         if last is not None:
             scene.multigrid.combine(last.unit / unit, last.phi, 0, phi)
             if follower:
@@ -160,10 +173,11 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         flux, entering = follower.surface(phi) if follower else (
             boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
     gain = scene.exchange.gain if scene.exchange else 0.0
-    exitance = device.array(channels(flux + entering))
+    exitance = device.array(channels(flux + entering + once))
     fluence = device.array(channels(2 * medium.fresnel_A * flux + gain * entering))
     leaving = follower.state if follower else np.zeros((0, 3))
-    return Solution(unit, phi, flux, exitance, fluence, leaving, source, convergence)
+    singly = device.array(channels(once)) if scene.unreduced else None
+    return Solution(unit, phi, flux, exitance, fluence, singly, leaving, source, convergence)
 
 
 def interpolate(scene: Scene, solution: Solution, points: np.ndarray) -> np.ndarray:

@@ -12,16 +12,17 @@ import numpy as np
 
 from clsss import __version__, cutcell, diffusion, octree
 from clsss.arguments import check, check_memory, checked_lights, checked_points
-from clsss.device import open_device
+from clsss.device import Buffer, open_device
 from clsss.errors import InputError
-from clsss.exchange import trace_exchange
+from clsss.exchange import leaving_shape, trace_exchange
 from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
 from clsss.materials import fresnel_A
 from clsss.mesh import Mesh, RayCaster, contains
 from clsss.multigrid import Multigrid
+from clsss.single import radiance_once
 from clsss.surface import fluence_at
 
-STAGES = ("device", "cut cells", "octree", "exchange", "source", "solve", "surface")
+STAGES = ("device", "cut cells", "octree", "exchange", "source", "single", "solve", "surface")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,8 @@ class Result:
         Fluence of the scattered light just inside the surface [W/mm^2].
     report : dict
         What was done: mesh, octree, convergence, energy, seconds, memory.
+    vertex_radiosity_single : (v, 3) float64, or None
+        With ``scattering="split"``, the part of `vertex_radiosity` that was scattered exactly once.
     """
 
     mesh: Mesh
@@ -46,14 +49,31 @@ class Result:
     vertex_radiosity: np.ndarray
     vertex_fluence: np.ndarray
     report: dict[str, Any]
+    vertex_radiosity_single: np.ndarray | None
     _scene: Scene = field(repr=False)
     _solution: Solution = field(repr=False)
 
     def radiosity(self, points: Any) -> np.ndarray:
         """Radiosity (n, 3) [W/mm^2] at points (n, 3) on or near the surface [mm]."""
-        scene, solution = self._scene, self._solution
-        values = fluence_at(scene.device, scene.octree, solution.exitance, checked_points(points))
-        return np.maximum(values, 0) * solution.unit  # next to a shadow the fit may run below zero
+        return _at_surface(self._scene, self._solution, self._solution.exitance, checked_points(points), None)
+
+    def radiance(self, eye: Any) -> np.ndarray:
+        """Radiance (v, 3) [W/mm^2/sr] that leaves the vertices towards a camera at `eye` (3,) [mm].
+
+        Multiple scattering as in the diffusion approximation, L = (1 - R) (phi_B + 3 J cos) / (4 pi eta^2); single
+        scattering, where it is split off, along the refracted ray.
+        """
+        scene, solution, mesh = self._scene, self._solution, self.mesh
+        away = checked_points([eye])[0] - mesh.vertices
+        out = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
+        mu = np.clip((out * mesh.normals).sum(axis=1), 0, 1)
+        single = 0.0 if self.vertex_radiosity_single is None else self.vertex_radiosity_single
+        diffuse = (self.vertex_radiosity - single) / np.pi * leaving_shape(mu, scene.medium.eta)[:, None]
+        if scene.unreduced is None:
+            return diffuse
+        once = radiance_once(scene.device, scene.octree, scene.unreduced, list(self.lights), solution.unit,
+                             mesh.vertices, mesh.normals, out)  # fmt: skip
+        return diffuse + once * solution.unit
 
     def fluence(self, points: Any) -> np.ndarray:
         """Fluence (n, 3) of the scattered light [W/mm^2] at points (n, 3) inside [mm]; NaN outside."""
@@ -78,7 +98,7 @@ class Result:
 
 def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 128, adaptive: bool = True,
              tolerance: float = 1e-4, precision: str = "single", device: str | None = None,
-             phase: str = "similarity", blockers: Sequence[Mesh] = (),
+             phase: str = "similarity", scattering: str = "all", blockers: Sequence[Mesh] = (),
              progress: bool | Progress | None = None) -> Result:  # fmt: skip
     """Compute how light diffuses inside an object and what leaves its surface.
 
@@ -103,6 +123,9 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     phase : {"similarity", "delta-eddington", "p1"}
         How a beam treats forward scattering, for g > 0: a fraction g, g^2 or 0 of it counts as unscattered. The
         first needs cells of about the transport mean free path, the last of the mean free path.
+    scattering : {"all", "split"}
+        Whether diffusion stands for all scattered light, or light scattered once is traced on its own and
+        diffusion driven by second scattering: slower, and closer to the truth where absorption is strong.
     blockers : sequence of Mesh
         Opaque black bodies that cast shadows: on the object, and between parts of its surface.
     progress : bool or callable, optional
@@ -121,7 +144,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     """
     start = perf_counter()
     lights = checked_lights(lights)
-    check(mesh, medium, resolution, tolerance, phase, blockers)
+    check(mesh, medium, resolution, tolerance, phase, scattering, blockers)
     check_memory(mesh, int(resolution))
     tell = _reporter(progress)
     seconds = {"load": float(mesh.report.get("seconds", 0.0)), **dict.fromkeys(STAGES, 0.0)}
@@ -139,13 +162,15 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
             raise InputError(
                 f"{mesh.name}: no cell of the grid lies inside at resolution {resolution}; raise the resolution"
             )
-        coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
+        split = scattering == "split"
+        coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase, second=split)
+        unreduced = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), "p1") if split else None
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         dev.finish()
     with timed("exchange", seconds, tell):
         shadows = RayCaster(np.concatenate([body.triangles for body in blockers])) if blockers else None
         coupling = trace_exchange(mesh, tree, medium.eta, shadows, lambda f: tell("exchange", f))
-    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, tolerance)
+    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, unreduced, tolerance)
     return _bake(scene, medium, lights, None, seconds, start, tell)
 
 
@@ -155,12 +180,21 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
     solution = light(scene, lights, last, seconds, tell)
     mesh = scene.mesh
     with timed("surface", seconds, tell):
-        radiosity, fluence = (
-            np.maximum(fluence_at(scene.device, scene.octree, values, mesh.vertices, mesh.normals), 0) * solution.unit
-            for values in (solution.exitance, solution.fluence)
+        radiosity, fluence, single = (
+            None if values is None else _at_surface(scene, solution, values, mesh.vertices, mesh.normals)
+            for values in (solution.exitance, solution.fluence, solution.once)
         )
     seconds["total"] = seconds["load"] + perf_counter() - start
-    return Result(mesh, medium, lights, radiosity, fluence, _report(scene, solution, seconds), scene, solution)
+    assert radiosity is not None
+    assert fluence is not None
+    report = _report(scene, solution, seconds)
+    return Result(mesh, medium, lights, radiosity, fluence, report, single, scene, solution)
+
+
+def _at_surface(scene: Scene, solution: Solution, values: Buffer, points: np.ndarray,
+                normals: np.ndarray | None) -> np.ndarray:  # fmt: skip
+    """A field of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
+    return np.maximum(fluence_at(scene.device, scene.octree, values, points, normals), 0) * solution.unit
 
 
 def _report(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from clsss.octree import Octree
 from clsss.rays import RayCaster
 
 ENVIRONMENT_BEAMS = 256
+ESCAPE_DIRECTIONS = 48  # in which light may leave after its first scattering
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class Source:
     incident: np.ndarray
 
 
-def _extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
+def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
     """Extinction per finest cell width as the kernels take it: a vector, or all levels' cells and their starts."""
     if medium.homogeneous:
         total = [a + s for a, s in zip(medium.sigma_a[-1].tolist(), medium.sigma_s[-1].tolist(), strict=True)]
@@ -58,6 +59,21 @@ def _extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[A
     parts = [a.get() + s.get() for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
     return device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
+
+
+def scattering(device: Device, octree: Octree, medium: Coefficients) -> Any:
+    """sigma_s per finest cell width: a vector, or all levels' cells, in the order of `extinction`."""
+    if medium.homogeneous:
+        return device.vector([octree.grid.h * s for s in medium.sigma_s[-1].tolist()])
+    return device.array(np.concatenate([s.get() for s in medium.sigma_s[::-1]]) * octree.grid.h)
+
+
+def light_arguments(device: Device, octree: Octree, light: Any, unit: float) -> tuple[Any, Any]:
+    """A beam's or lamp's place and strength as the kernels take them (beam.h)."""
+    if isinstance(light, DirectionalLight):
+        return device.vector([*-light.direction, 0.0]), device.vector(channels(light.irradiance / unit))
+    position = octree.grid.to_cells(light.position)
+    return device.vector([*position, 1.0]), device.vector(channels(light.intensity / unit))
 
 
 class Beams:
@@ -83,22 +99,19 @@ class Beams:
         self.incident = np.zeros(3)
         self._F = Field(device, octree)
         self._F_B = device.empty((n_cut, CHANNELS))
-        self._extinction = _extinction(device, octree, medium)
+        self._extinction = extinction(device, octree, medium)
         self._normal = octree.cut.normal.get()[:, :3].astype(float) * octree.grid.h**2
         self._x_B = octree.finest.ijk[octree.cut.cell.get()] + octree.cut.boundary.get()[:, :3].astype(float)
 
     def add(self, light: DirectionalLight | PointLight, unit: float) -> None:
         """Add a light's deposit, its strength in multiples of `unit`."""
-        device, octree = self.device, self.octree
         if isinstance(light, DirectionalLight):
             towards = np.broadcast_to(-light.direction, self._x_B.shape)
-            where, strength = device.vector([*-light.direction, 0.0]), light.irradiance
         else:
-            position = octree.grid.to_cells(light.position)
-            away = position - self._x_B
+            away = self.octree.grid.to_cells(light.position) - self._x_B
             towards = away / np.linalg.norm(away, axis=1, keepdims=True)
-            where, strength = device.vector([*position, 1.0]), light.intensity
-        self._trace(where, device.vector(channels(strength / unit)))
+        where, strength = light_arguments(self.device, self.octree, light, unit)
+        self._trace(where, strength)
         if self.blockers:
             self._shade(light)
         entering = np.maximum(0, (towards * self._normal).sum(axis=1))
@@ -165,6 +178,15 @@ class Beams:
         device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], finest.position,
                    cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment, self.wall)  # fmt: skip
 
+    def keep_scattered_again(self) -> None:
+        """Take away what leaves the object after its first scattering: it never becomes diffuse."""
+        octree, cut = self.octree, self.octree.cut
+        kernel = self.device.kernel("single", "keep_scattered_again", *self.medium.defines)
+        for level, Q in zip(octree.levels, self.Q, strict=True):
+            self.device.run(kernel, level.n, level.n, level.depth, ESCAPE_DIRECTIONS, octree.grid.dims, octree.block,
+                            octree.brick, level.position, level.is_leaf, octree.cut_index, cut.boundary, cut.normal,
+                            cut.centroid, *self._extinction, Q, self.moment)  # fmt: skip
+
     def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:
         """The beam of a lamp inside the object starts in a cell: what it emits there is no divergence of B."""
         depth, index = self.octree.find(lamp.position[None])
@@ -178,7 +200,8 @@ class Beams:
             a, s = sigma_a.get()[index[0]].astype(float), sigma_s.get()[index[0]].astype(float)
         power = 4 * np.pi * channels(lamp.intensity / unit)
         Q = self.Q[k].get()
-        Q[index[0]] += power * s / (a + s)
+        albedo = s / (a + s)
+        Q[index[0]] += power * (albedo**2 if self.medium.second else albedo)
         self.Q[k].set(Q)
         self.incident += power[:3]
 
@@ -241,6 +264,8 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         device.finish()
         if progress is not None:
             progress(done / len(collimated))
+    if medium.second:
+        beams.keep_scattered_again()
     deposited = sum(q.get()[:, :3].astype(float).sum(axis=0) for q in beams.Q)
     b = beams.Q
     scale = device.kernel("source", "right_hand_side", *medium.defines)

@@ -37,6 +37,7 @@ LAYERS = {
     2: ["octree"],
     3: ["diffusion"],
     3.1: ["source"],
+    3.2: ["single"],
     4: ["arguments", "multigrid", "surface"],
     4.1: ["exchange"],
     4.2: ["lighting"],

@@ -1,0 +1,94 @@
+"""Light scattered exactly once, which diffusion blurs: traced along rays, with unreduced coefficients.
+
+    L(x, omega) = T / eta^2 int sigma_s p F exp(-tau) ds,    M_1 = int L cos dw
+
+Where it is traced, the diffuse part must be driven by second scattering only, or it would count twice.
+
+References
+----------
+Jensen et al. 2001, section 2.2; d'Eon and Irving 2011 (Grosjean's modified diffusion for the rest).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from clsss.device import Device
+from clsss.diffusion import Coefficients
+from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
+from clsss.octree import Octree
+from clsss.source import extinction, light_arguments, scattering
+
+DEPTHS = 12  # points along each ray where the light may have scattered
+DIRECTIONS = 32  # rays per point for its exitance
+SKY_BEAMS = 24  # directions that an environment is taken from
+
+
+def radiance_once(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float,
+                  points: np.ndarray, normals: np.ndarray, out: np.ndarray,
+                  depths: int = 64) -> np.ndarray:  # fmt: skip
+    """Radiance scattered once that leaves points of the surface.
+
+    Parameters
+    ----------
+    medium : Coefficients
+        Unreduced, as of ``phase="p1"``.
+    unit : float
+        Strength that the result is a multiple of [W/mm^2].
+    points, normals, out : (n, 3) float
+        Points on the surface [mm], outward normals, directions in which the light leaves.
+    depths : int
+        Points along each ray.
+
+    Returns
+    -------
+    (n, 3) float64
+        Radiance in multiples of `unit` [W/mm^2/sr].
+    """
+    n, h = len(points), octree.grid.h
+    spare = np.zeros((n, 1))
+    arrays = [device.array(np.concatenate([v, spare], axis=1)) for v in (octree.grid.to_cells(points), normals, out)]
+    radiance = device.zeros((n, 4))
+    attenuation = extinction(device, octree, medium)
+    mean = attenuation[0].get().mean() if not medium.homogeneous else np.mean(attenuation[0].tolist()[:3])
+    kernel = device.kernel("single", "scattered_once", *medium.defines)
+    cut = octree.cut
+    for light in collimated(lights):
+        where, strength = light_arguments(device, octree, light, unit)
+        device.run(kernel, n, n, depths, h, float(medium.eta), float(medium.g), float(mean), where, strength,
+                   octree.grid.dims, octree.block, octree.brick, octree.cut_index, cut.boundary, cut.normal,
+                   cut.centroid, *attenuation, scattering(device, octree, medium), *arrays, radiance)  # fmt: skip
+    return radiance.get()[:, :3].astype(float)
+
+
+def exitance_once(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float,
+                  points: np.ndarray, normals: np.ndarray,
+                  progress: Callable[[float], None] | None = None) -> np.ndarray:  # fmt: skip
+    """Exitance (n, 3) of light scattered once, in multiples of `unit`; see `radiance_once`."""
+    seed = np.where(np.abs(normals[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
+    s = np.cross(normals, seed)
+    s /= np.maximum(np.linalg.norm(s, axis=1, keepdims=True), 1e-300)
+    t = np.cross(normals, s)
+    total = np.zeros((len(points), 3))
+    for k in range(DIRECTIONS):
+        u = (k + 0.5) / DIRECTIONS
+        angle = 2 * np.pi * 0.6180339887 * k
+        out = np.sqrt(u) * (np.cos(angle) * s + np.sin(angle) * t) + np.sqrt(1 - u) * normals
+        total += radiance_once(device, octree, medium, lights, unit, points, normals, out, DEPTHS)
+        if progress is not None:
+            progress((k + 1) / DIRECTIONS)
+    return total * np.pi / DIRECTIONS
+
+
+def collimated(lights: list[Any]) -> list[DirectionalLight | PointLight]:
+    """Beams and lamps; an environment as a few beams."""
+    found: list[DirectionalLight | PointLight] = []
+    for light in lights:
+        if isinstance(light, EnvironmentLight):
+            found += light.beams(SKY_BEAMS)
+        elif isinstance(light, (DirectionalLight, PointLight)):
+            found.append(light)
+    return found

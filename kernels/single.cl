@@ -1,0 +1,92 @@
+/* single.cl -- light scattered exactly once on its way from a light through a point of the surface.
+ *
+ *     L = T(mu) / eta^2  int sigma_s p(omega_light . omega) F(x - s omega) exp(-tau(s)) ds
+ *
+ * Depths s follow an exponential of the mean extinction. F is traced to the light from each, as in attenuate.cl,
+ * with unreduced coefficients and the Henyey-Greenstein phase function.
+ */
+#include "real.h"
+#include "tree.h"
+#include "beam.h"
+#include "ray.h"
+
+#ifdef HETEROGENEOUS
+#define SCATTERING __global const REAL4 *restrict scattering
+#define SCATTERING_OF(code) scattering[depth_start[(code) & 15] + ((code) >> 4)]
+#else
+#define SCATTERING const REAL4 scattering
+#define SCATTERING_OF(code) scattering
+#endif
+
+REAL henyey_greenstein(const REAL mu, const REAL g) {
+    const REAL d = 1 + g * g - 2 * g * mu;
+    return (1 - g * g) / (4 * (REAL)3.14159265358979 * d * sqrt(d));
+}
+
+/* Radiance leaving point i in its direction `out` (unit, outwards), added to the sum for other lights. */
+// cost scattered_once: 20R B, 40000 flop
+__kernel void scattered_once(const int n, const int n_depths, const REAL h, const REAL eta, const REAL g,
+                             const REAL rate, const REAL4 light, const REAL4 strength, const int4 dims,
+                             __global const int *restrict block, __global const int *restrict brick,
+                             __global const int *restrict cut_index, __global const REAL4 *restrict boundary,
+                             __global const REAL4 *restrict normal, __global const REAL4 *restrict centroid,
+                             EXTINCTION, SCATTERING, __global const REAL4 *restrict points,
+                             __global const REAL4 *restrict normals, __global const REAL4 *restrict out,
+                             __global REAL4 *restrict radiance) {
+    const int i = get_global_id(0);
+    if (i >= n) return;
+    const REAL4 n_i = normals[i], w = out[i], p = points[i];
+    const REAL mu = dot(w.xyz, n_i.xyz);
+    if (!(mu > 0)) return;
+    /* Snell: the same ray inside, turned towards the normal */
+    const REAL inner = sqrt(fmax((REAL)0, 1 - (1 - mu * mu) / (eta * eta)));
+    const REAL4 inside = (w - mu * n_i) / eta + inner * n_i;
+    Beam back = {-inside, (REAL)0};
+    REAL4 sum = (REAL4)(0);
+    for (int k = 0; k < n_depths; k++) {
+        const REAL u = (k + (REAL)0.5) / n_depths, s = -log(1 - u) / rate;
+        REAL4 x = p - s * inside;
+        x.w = 0;
+        const int4 c = convert_int4(floor(x));
+        const int code = leaf_code(dims, block, brick, c.x, c.y, c.z);
+        if (code < 0) continue;
+        const int cut = code & 15 ? -1 : cut_index[code >> 4];
+        if (cut >= 0 && dot((x - convert_REAL4(c) - boundary[cut]).xyz, normal[cut].xyz) > 0) continue;
+        back.distance = s;
+        int entry;
+        const REAL4 tau = optical_depth(p, back, dims, block, brick, cut_index, boundary, normal, centroid,
+                                        EXTINCTION_ARGUMENTS, &entry);
+        const REAL4 F = reduced_irradiance(x, h, eta, light, strength, dims, block, brick, cut_index, boundary, normal,
+                                           centroid, EXTINCTION_ARGUMENTS, -1);
+        const REAL turn = -dot(beam_at(light, x).towards.xyz, inside.xyz);
+        sum += SCATTERING_OF(code) * F * exp(rate * s - tau) * (henyey_greenstein(turn, g) / (rate * n_depths));
+    }
+    const REAL passes = eta == 1 ? 1 : transmittance(mu, eta) / (eta * eta);
+    radiance[i] += passes * sum;
+}
+
+/* Share of what a cell scatters first that flies out unscattered; the rest drives the diffuse light. */
+// cost keep_scattered_again: 12R+20 B, 20000 flop
+__kernel void keep_scattered_again(const int n, const int depth, const int n_directions, const int4 dims,
+                                   __global const int *restrict block, __global const int *restrict brick,
+                                   __global const int *restrict position, __global const uchar *restrict is_leaf,
+                                   __global const int *restrict cut_index, __global const REAL4 *restrict boundary,
+                                   __global const REAL4 *restrict normal, __global const REAL4 *restrict centroid,
+                                   EXTINCTION, __global REAL4 *restrict Q, __global REAL4 *restrict moment) {
+    const int i = get_global_id(0);
+    if (i >= n || !is_leaf[i]) return;
+    const REAL4 corner = convert_REAL4(vload4(i, position));
+    const int cut = depth == 0 ? cut_index[i] : -1;
+    REAL4 p = cut >= 0 ? corner + centroid[cut] : (corner + (REAL)0.5) * (REAL)(1 << depth), escapes = (REAL4)(0);
+    p.w = 0;
+    for (int k = 0; k < n_directions; k++) {
+        const REAL z = 1 - (2 * k + 1) / (REAL)n_directions, r = sqrt(1 - z * z), a = k * (REAL)2.39996322972865;
+        const Beam beam = {(REAL4)(r * cos(a), r * sin(a), z, 0), (REAL)1e30};
+        int last;
+        escapes += exp(-optical_depth(p, beam, dims, block, brick, cut_index, boundary, normal, centroid,
+                                      EXTINCTION_ARGUMENTS, &last));
+    }
+    const REAL4 kept = 1 - escapes / n_directions;
+    Q[i] *= kept;
+    if (cut >= 0) moment[cut] *= kept;
+}
