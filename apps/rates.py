@@ -14,7 +14,7 @@ from clsss import Emission, Mesh, cutcell, diffusion, octree, source
 from clsss.device import Device
 from clsss.diffusion import Field, Residual
 from clsss.materials import fresnel_A
-from clsss.multigrid import SWEEPS, Convergence, Multigrid
+from clsss.multigrid import Convergence, Multigrid
 from clsss.source import Source
 from clsss.surface import boundary_points, fluence_at
 
@@ -81,11 +81,15 @@ def on_leaves(mg: Multigrid, values: Callable[[int], np.ndarray]) -> Field:
     return out
 
 
-def plain_cycles(mg: Multigrid, residual: Residual, b: Field, phi: Field, cycles: int, sweeps: int = SWEEPS,
+def plain_cycles(mg: Multigrid, residual: Residual, b: Field, phi: Field, cycles: int, sweeps: int | None = None,
                  tolerance: float = 0.0) -> np.ndarray:  # fmt: skip
-    """Residual norms (up to cycles + 1, 3) of e <- V(r) without acceleration, from the start to the tolerance."""
+    """Residual norms (up to cycles + 1, 3) of e <- V(r) without acceleration, from the start to the tolerance.
+
+    `sweeps` before and after the coarser level on every level; by default what the solver does.
+    """
     smooth, norms = mg.smooth, []
-    mg.smooth = lambda k, usual=SWEEPS: smooth(k, usual * sweeps // SWEEPS)  # type: ignore[method-assign]
+    if sweeps is not None:
+        mg.smooth = lambda k: smooth(k, sweeps)  # type: ignore[method-assign]
     while len(norms) <= cycles and (len(norms) < 2 or (norms[-1] > tolerance * norms[0]).any()):
         residual(phi, b, mg.r)
         norms.append(np.sqrt(mg.inner_product(mg.r, mg.r)))
@@ -95,7 +99,7 @@ def plain_cycles(mg: Multigrid, residual: Residual, b: Field, phi: Field, cycles
     return np.array(norms)
 
 
-def rate(mg: Multigrid, residual: Residual, sweeps: int = SWEEPS, cycles: int = 20) -> np.ndarray:
+def rate(mg: Multigrid, residual: Residual, sweeps: int | None = None, cycles: int = 20) -> np.ndarray:
     """Asymptotic residual reduction (3,) per cycle, from a random start with b = 0."""
     rng, levels = np.random.default_rng(0), mg.op.octree.levels
     phi = on_leaves(mg, lambda k: rng.uniform(-1, 1, (levels[k].n, 3)))

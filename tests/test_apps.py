@@ -1,0 +1,50 @@
+"""apps/convergence.py: what it measures meets its bars, but for the misses that docs/numerics.md lists."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from clsss.errors import DeviceError
+
+ROOT = Path(__file__).parent.parent
+# docs/numerics.md, "Limits": nearly closed boundaries without absorption, V(1,1), bodies that merge on coarse levels.
+MISSED = re.compile(r"two-point part|sigma_a 0: defect|balls, gap|stack|sphere \d+: fine-grid|plate|shell 2h")
+
+
+@pytest.fixture(autouse=True)
+def _needs_a_device():
+    from clsss.device import Device
+
+    try:
+        Device(precision="double")
+    except DeviceError as error:
+        pytest.skip(str(error))
+
+
+def convergence(*options: str) -> tuple[int, dict[str, tuple[float, str]]]:
+    """Exit code, and value and verdict of every quantity."""
+    command = [sys.executable, str(ROOT / "apps" / "convergence.py"), "--quick", *options]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert not done.stderr, done.stderr
+    rows = re.findall(r"^(.+?) {2,}([-\d.e+]+) +(?:[<>]= \S+ +)?(pass|FAIL|) *$", done.stdout, flags=re.M)
+    return done.returncode, {name: (float(value), verdict) for name, value, verdict in rows}
+
+
+def test_thin_plates_are_as_accurate_as_declared():
+    """The error of a plate two cells thick, to a tenth of its value: geometry, gradients, boundary values at once."""
+    code, rows = convergence("--only", "plates")
+    assert code == 0
+    assert rows["plate 2h, sigma_tr h 1: surface L2"][0] == pytest.approx(0.0167, rel=0.1)
+
+
+@pytest.mark.slow
+def test_every_bar_is_met_but_for_the_known():
+    _, rows = convergence()
+    assert len(rows) > 100
+    missed = [name for name, (_, verdict) in rows.items() if verdict == "FAIL"]
+    assert not [name for name in missed if not MISSED.search(name)]
