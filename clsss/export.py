@@ -93,11 +93,11 @@ def srgb_encode(linear: np.ndarray) -> np.ndarray:
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
-def display_scale(mesh: Mesh, radiosity: np.ndarray) -> float:
+def display_scale(mesh: Mesh, radiosity: np.ndarray, towards: np.ndarray | None = None) -> float:
     """Automatic exposure: the factor from radiosity to displayed linear colour.
 
-    Of the surface's area, 1 % may be brighter than the display's white in its strongest channel. Where half of
-    the surface is darker than 0.4 of that (lit from behind), up to two stops more bring its median nearer.
+    Of the area that is seen, 1 % may be brighter than the display's white in its strongest channel. Where half of
+    it is darker than 0.4 of that (lit from behind), up to two stops more bring its median nearer.
 
     Parameters
     ----------
@@ -105,6 +105,8 @@ def display_scale(mesh: Mesh, radiosity: np.ndarray) -> float:
         What is drawn; its faces give the areas.
     radiosity : (v, 3) ndarray
         At the mesh's vertices [W/mm^2].
+    towards : (3,) ndarray, optional
+        From the mesh to the eye; by default the whole surface counts as seen.
 
     Returns
     -------
@@ -112,7 +114,8 @@ def display_scale(mesh: Mesh, radiosity: np.ndarray) -> float:
         [mm^2/W]; 1 where nothing is lit.
     """
     corners = mesh.vertices[mesh.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1) if towards is None else np.maximum(normal @ towards, 0)
     weight = np.bincount(mesh.faces.ravel(), np.repeat(area, 3), minlength=len(mesh.vertices))
     brightest = np.nan_to_num(radiosity).max(axis=1)
     order = np.argsort(brightest)
@@ -126,7 +129,9 @@ def display_scale(mesh: Mesh, radiosity: np.ndarray) -> float:
     return float(2**stops / white)
 
 
-def save(result: Result, path: str | os.PathLike[str], exposure: float = 0.0) -> None:
+def save(
+    result: Result, path: str | os.PathLike[str], exposure: float = 0.0, towards: np.ndarray | None = None
+) -> None:
     """Save a result; the suffix chooses the format.
 
     Parameters
@@ -137,6 +142,8 @@ def save(result: Result, path: str | os.PathLike[str], exposure: float = 0.0) ->
         ``.glb`` ``.ply`` ``.obj`` ``.npz`` or ``.vtu``.
     exposure : float
         Stops added to the automatic exposure of the colours; raw floats are never scaled.
+    towards : (3,) ndarray, optional
+        Where the automatic exposure looks from, as in `display_scale`.
 
     Raises
     ------
@@ -144,7 +151,7 @@ def save(result: Result, path: str | os.PathLike[str], exposure: float = 0.0) ->
         The suffix is unknown or the file cannot be written.
     """
     path = check_output(path)
-    scale = display_scale(result.mesh, result.vertex_radiosity) * 2.0**exposure
+    scale = display_scale(result.mesh, result.vertex_radiosity, towards) * 2.0**exposure
     encode = {".glb": _glb, ".ply": _ply, ".obj": _obj, ".npz": _npz, ".vtu": _vtu}[path.suffix.lower()]
     write_atomically(path, encode(result, scale))
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from clsss import tomlfile
 from clsss.errors import InputError
 from clsss.options import DEFAULT_MATERIAL, DEMO, LightOption, default_lights
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from clsss.lights import Light
     from clsss.materials import Material, Medium
     from clsss.mesh import Mesh
@@ -29,6 +31,16 @@ def mesh_from(args: argparse.Namespace) -> Mesh:
 
         return replace(load_mesh(demo_mesh(), size=args.size or DEMO_SIZE), name=DEMO)
     return load_mesh(args.mesh, size=args.size)
+
+
+def eye_from(args: argparse.Namespace) -> np.ndarray:
+    """The direction (3,) from the mesh to the camera."""
+    import numpy as np
+
+    from clsss.camera import Camera
+
+    azimuth, elevation, _ = args.camera
+    return Camera(np.zeros(3), 1.0, azimuth, elevation, args.up).axes()[2]
 
 
 def blockers_from(args: argparse.Namespace, mesh: Mesh) -> list[Mesh]:
@@ -165,7 +177,8 @@ def _light(option: LightOption, mesh: Mesh, up: str) -> Light:
     from clsss.images import read_radiance
     from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 
-    strength = np.broadcast_to(option.strength or 1.0, 3)
+    given = option.strength or (1.0,)
+    strength: Any = given[0] if len(given) == 1 else given
     if option.kind == "env":
         return EnvironmentLight(read_radiance(option.file) if option.file else strength, up)
     vector = np.array(option.vector)

@@ -9,7 +9,7 @@ import argparse
 import sys
 
 from clsss import scenefile
-from clsss.options import LIGHT_HELP, WINDOW_HELP, add_camera, add_shared, add_window_size
+from clsss.options import LIGHT_HELP, WINDOW_HELP, Parser, add_camera, add_shared, add_window_size
 from clsss.running import bake_with_bar, leave, run
 
 
@@ -39,7 +39,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m clsss.view",
         description="Bake how light scatters inside a mesh, and look at it.",
         epilog="window: " + ", ".join(line.replace("\t", " ") for line in WINDOW_HELP) + "\n\n" + LIGHT_HELP,
@@ -57,6 +57,7 @@ def screenshot(args: argparse.Namespace) -> None:
     from clsss.errors import InputError
     from clsss.export import check_writable, display_scale
     from clsss.opengl import standalone_context
+    from clsss.request import eye_from
     from clsss.scene import Scene
     from clsss.window import save_png, start_camera
 
@@ -66,7 +67,7 @@ def screenshot(args: argparse.Namespace) -> None:
     scene = Scene(standalone_context())
     result = bake_with_bar(args)
     scene.set_mesh(result.mesh)
-    scene.set_radiosity(result.vertex_radiosity, display_scale(result.mesh, result.vertex_radiosity))
+    scene.set_radiosity(result.vertex_radiosity, display_scale(result.mesh, result.vertex_radiosity, eye_from(args)))
     width, height = args.window_size
     camera = start_camera(args, result.mesh, width / height)
     save_png(scene.picture((width, height), camera, args.exposure), path)

@@ -19,6 +19,7 @@ from clsss.export import check_writable, display_scale, write_atomically
 from clsss.opengl import open_window
 from clsss.options import WINDOW_HELP, LightOption, default_lights
 from clsss.overlay import panel
+from clsss.request import eye_from
 from clsss.running import bake, load, overall
 from clsss.scene import Scene
 
@@ -147,7 +148,7 @@ class Window:
         if self.result is None:
             self.lights = list(event.lights)
             self._say("press H for help")
-            self.scene.scale = display_scale(event.mesh, event.vertex_radiosity)
+            self.scene.scale = self._automatic(event)
         self.result = event
         self.scene.set_radiosity(event.vertex_radiosity, self.scene.scale)
 
@@ -160,7 +161,11 @@ class Window:
         self.camera = start_camera(self.args, self.scene.mesh, width / height)
         self.exposure = self.args.exposure
         if self.result is not None:
-            self.scene.scale = display_scale(self.result.mesh, self.result.vertex_radiosity)
+            self.scene.scale = self._automatic(self.result)
+
+    def _automatic(self, result: Result) -> float:
+        """The automatic exposure of what the window showed at first."""
+        return display_scale(result.mesh, result.vertex_radiosity, eye_from(self.args))
 
     def _size(self) -> tuple[int, int]:
         import glfw

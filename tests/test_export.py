@@ -175,7 +175,16 @@ def test_failed_write_keeps_the_old_file(result, tmp_path, monkeypatch):
 
 def test_display_scale_is_independent_of_units_and_survives_darkness(result):
     mesh, radiosity = result.mesh, np.nan_to_num(result.vertex_radiosity)
-    assert export.display_scale(mesh, 1e-7 * radiosity) == pytest.approx(
-        1e7 * export.display_scale(mesh, radiosity)
-    )
+    assert export.display_scale(mesh, 1e-7 * radiosity) == pytest.approx(1e7 * export.display_scale(mesh, radiosity))
     assert export.display_scale(mesh, 0 * radiosity) == 1.0
+
+
+def test_exposure_looks_from_where_the_camera_is():
+    """A wall that is bright on one side: from there nothing is over-exposed, from behind its dark side shows."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+    vertices = np.concatenate([np.hstack([corners, np.full((4, 1), z)]) for z in (0.0, 1.0)])
+    faces = np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]])
+    wall = SimpleNamespace(vertices=vertices, faces=faces)
+    radiosity = np.repeat([[0.01] * 3, [1.0] * 3], 4, axis=0)
+    assert export.display_scale(wall, radiosity, np.array([0, 0, 1.0])) == pytest.approx(1, rel=0.01)
+    assert export.display_scale(wall, radiosity, np.array([0, 0, -1.0])) == pytest.approx(100, rel=0.01)
