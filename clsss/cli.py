@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from clsss import __version__, scenefile
 from clsss.errors import InputError
-from clsss.options import LIGHT_HELP, add_camera, add_mesh, add_output, add_shared
+from clsss.options import LIGHT_HELP, Parser, add_camera, add_mesh, add_output, add_shared, count
 from clsss.running import bake_with_bar, interruptible, leave, load, progress_bar, run
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="clsss",
         description="Subsurface light diffusion in meshes: bakes how light scatters inside to colours.",
         epilog="`python -m clsss.view MESH` shows the result in a window.",
@@ -79,8 +79,8 @@ def _add_comparison(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("comparison")
     group.add_argument("--picture", metavar="OUT.png", help="draw all three, and how far they are from the truth")
     group.add_argument("--json", metavar="OUT.json", help="write the table as data")
-    group.add_argument("--points", type=int, default=1000, metavar="N", help="of Monte Carlo (1000)")
-    group.add_argument("--paths", type=int, default=1000, metavar="N", help="from each point and channel (1000)")
+    group.add_argument("--points", type=count, default=1000, metavar="N", help="of Monte Carlo (1000)")
+    group.add_argument("--paths", type=count, default=1000, metavar="N", help="from each point and channel (1000)")
     group.add_argument("--seed", type=int, default=0, metavar="N", help="of the points and paths (0)")
 
 
@@ -94,6 +94,7 @@ def show_materials(args: argparse.Namespace) -> None:
 def bake(args: argparse.Namespace) -> None:
     """``clsss bake``: refuse bad outputs first, then simulate, then write."""
     from clsss.export import check_output, check_writable, save, write_atomically
+    from clsss.request import eye_from
 
     if not args.output:
         args.parser.error("say where the result goes: -o OUT.glb, or 'output' in the scene file")
@@ -103,7 +104,7 @@ def bake(args: argparse.Namespace) -> None:
     if args.save_scene:
         scenefile.check(args.save_scene)
     result = bake_with_bar(args)
-    save(result, args.output, args.exposure)
+    save(result, args.output, args.exposure, eye_from(args))
     if args.report:
         write_atomically(args.report, (json.dumps(result.report, indent=1) + "\n").encode())
     if not args.quiet:
@@ -181,6 +182,7 @@ def _comparison(found: Comparison) -> dict[str, object]:
 def info(args: argparse.Namespace) -> None:
     """``clsss info MESH``."""
     from clsss.request import size_note
+    from clsss.validity import thickness_of
 
     mesh = interruptible(lambda: load(args))
     low, high = mesh.bounds
@@ -188,6 +190,7 @@ def info(args: argparse.Namespace) -> None:
     print(f"{mesh.name}: {report['vertices']} vertices, {report['faces']} faces")
     print(size_note(args, mesh))
     print("box:", " x ".join(f"{side:.4g}" for side in high - low), "mm")
+    print(f"thickness: {thickness_of(mesh):.4g} mm on average")
     print("surface:", "closed" if report["closed"] else "not closed")
     for repair in report["repairs"]:
         print("repaired:", repair)

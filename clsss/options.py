@@ -13,7 +13,7 @@ import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 DEMO = "demo"
 DEFAULT_MATERIAL = "marble"
@@ -60,6 +60,14 @@ lists; paths start at the scene file; options on the command line come first. --
 """
 
 
+class Parser(argparse.ArgumentParser):
+    """Tells wrong usage in one line, as all other errors are told."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong and leave with exit code 2."""
+        self.exit(2, f"clsss: error: {message} (see {self.prog} --help)\n")
+
+
 def length(text: str) -> float:
     """Millimetres from "20", "20mm", "2cm", "0.1m" or "1in"."""
     match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*([a-z]*)\s*", text)
@@ -90,6 +98,26 @@ def stops(text: str) -> float:
     if abs(value) > 60:
         raise argparse.ArgumentTypeError(f"{text!r} is out of range; give stops within -60 and 60")
     return value
+
+
+def whole(text: str) -> int:
+    """A whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+
+
+def count(text: str) -> int:
+    """A whole number of 1 or more."""
+    if (value := whole(text)) < 1:
+        raise argparse.ArgumentTypeError(f"needs 1 or more, got {value}")
+    return value
+
+
+def number(text: str) -> float:
+    """One number."""
+    return numbers(text, 1)[0]
 
 
 def channels(text: str) -> tuple[float, ...]:
@@ -150,10 +178,7 @@ def mixture(text: str) -> tuple[str, float | None, int]:
     """Parse ``NAME[:SCALE[:SEED]]``."""
     name, _, rest = text.partition(":")
     scale, _, seed = rest.partition(":")
-    try:
-        return name, length(scale) if scale else None, int(seed) if seed else 0
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r}: the seed {seed!r} is no whole number") from None
+    return name, length(scale) if scale else None, whole(seed) if seed else 0
 
 
 def vertex_colours(text: str) -> tuple[str, ...]:
@@ -215,8 +240,8 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--exposure", type=stops, metavar="EV", help="stops brighter than the automatic exposure (0)")
     group.add_argument("--up", choices=("y", "z"), help="axis that points up (y)")
     group = parser.add_argument_group("solver")
-    group.add_argument("--resolution", type=int, metavar="N", help="finest cells along the longest side (128)")
-    group.add_argument("--tolerance", type=float, metavar="T", help="relative residual (1e-4)")
+    group.add_argument("--resolution", type=whole, metavar="N", help="finest cells along the longest side (128)")
+    group.add_argument("--tolerance", type=number, metavar="T", help="relative residual (1e-4)")
     group.add_argument(
         "--no-adaptive", dest="adaptive", action="store_const", const=False, help="the finest cells everywhere"
     )
@@ -232,8 +257,8 @@ def _add_material(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--material", metavar="NAME|FILE.toml", help=f"see `clsss materials` ({DEFAULT_MATERIAL})")
     group.add_argument("--sigma-a", type=channels, metavar="R[,G,B]", help="absorption [1/mm]")
     group.add_argument("--sigma-s", type=channels, metavar="R[,G,B]", help="scattering [1/mm]")
-    group.add_argument("--g", type=float, metavar="G", help="mean cosine of scattering (0)")
-    group.add_argument("--eta", type=float, metavar="ETA", help="relative index of refraction (1)")
+    group.add_argument("--g", type=number, metavar="G", help="mean cosine of scattering (0)")
+    group.add_argument("--eta", type=number, metavar="ETA", help="relative index of refraction (1)")
     group.add_argument(
         "--phase",
         choices=("similarity", "delta-eddington", "p1"),

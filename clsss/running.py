@@ -126,7 +126,7 @@ def bake(args: argparse.Namespace, mesh: Mesh, progress: Callable[[str, float], 
 
     if args.quiet:
         warnings.simplefilter("ignore", UserWarning)
-    return simulate(
+    result = simulate(
         mesh,
         medium_from(args, mesh),
         lights_from(args, mesh),
@@ -139,6 +139,9 @@ def bake(args: argparse.Namespace, mesh: Mesh, progress: Callable[[str, float], 
         blockers=blockers_from(args, mesh),
         progress=progress,
     )
+    if not any(result.report["energy"]["deposited_W"]):
+        warnings.warn("no light enters the mesh, so it stays black; look at --light", UserWarning, stacklevel=1)
+    return result
 
 
 @contextlib.contextmanager

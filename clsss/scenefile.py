@@ -112,11 +112,7 @@ def _converted(action: argparse.Action, value: Any) -> Any:
         raise ValueError(f"needs a text in quotes{' or a number' * bool(action.type)}, got {value!r}")
     if action.choices is not None and text not in action.choices:
         raise ValueError(f"{text!r} is none of {', '.join(action.choices)}")
-    try:
-        return action.type(text) if callable(action.type) else text
-    except ValueError:
-        kind = "whole number" if action.type is int else "number"
-        raise ValueError(f"{value!r} is no {kind}") from None
+    return action.type(text) if callable(action.type) else text
 
 
 def _located(key: str, value: Any, folder: Path) -> Any:

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsss import cli, images, options, request, running, scenefile
+from clsss import cli, images, listing, options, request, running, scenefile
 from clsss.errors import DeviceError, InputError
 
 ROOT = Path(__file__).parent.parent
@@ -283,3 +283,87 @@ def test_bake_writes_mesh_and_report(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["a.ply", "r.json"]
     quiet = clsss("bake", tmp_path / "a.ply", "-o", tmp_path / "b.glb", "--resolution", "16", "--quiet")
     assert (quiet.returncode, quiet.stderr) == (0, "")
+
+
+def test_wrong_usage_is_one_line():
+    done = clsss("bake", "demo", "-o", "x.ply", "--resolution", "1.5")
+    assert done.returncode == 2
+    assert done.stderr == "clsss: error: argument --resolution: '1.5' is no whole number (see clsss bake --help)\n"
+    assert clsss("bake", "demo").stderr.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    path = tmp_path_factory.mktemp("mesh") / "ball.ply"
+    pytest.importorskip("trimesh").creation.icosphere(2, 10.0).export(path)
+    return path
+
+
+def test_bake_keeps_and_repeats_a_scene(tmp_path, ball):
+    shared = ["--resolution", "12", "--material", "skin2"]
+    first = clsss("bake", ball, "-o", tmp_path / "a.npz", "--save-scene", tmp_path / "s.toml", *shared)
+    assert first.returncode == 0, first.stderr
+    assert sorted(os.listdir(tmp_path)) == ["a.npz", "s.toml"]
+    again = clsss("bake", tmp_path / "s.toml", "-o", tmp_path / "b.npz", "--quiet")
+    assert (again.returncode, again.stderr) == (0, "")
+    one, two = (np.load(tmp_path / name)["radiosity"] for name in ("a.npz", "b.npz"))
+    np.testing.assert_allclose(two, one, rtol=1e-4, atol=1e-6 * one.max())
+
+
+def test_nothing_is_written_when_a_bake_fails(tmp_path):
+    (tmp_path / "s.toml").write_text('mesh = "none.ply"\noutput = "o.ply"\nreport = "r.json"')
+    done = clsss("bake", tmp_path / "s.toml", "--save-scene", tmp_path / "t.toml")
+    assert done.returncode == 1
+    assert done.stderr.startswith("clsss: error: ")
+    assert done.stderr.count("\n") == 1
+    assert os.listdir(tmp_path) == ["s.toml"]
+
+
+def test_compare_prints_and_writes(tmp_path, ball):
+    words = ["--resolution", "12", "--points", "20", "--paths", "20", "--json", tmp_path / "c.json"]
+    done = clsss("compare", ball, *words)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0].startswith("method")
+    found = json.loads((tmp_path / "c.json").read_text())
+    assert [method["name"] for method in found["methods"]] == ["clsss", "dipole"]
+    assert found["monte_carlo"]["points"] <= 20
+    assert clsss("compare", "demo", "--points", "0").returncode == 2
+    refused = clsss("compare", "demo", "--picture", tmp_path / "c.jpg")
+    assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
+
+
+def test_blockers_scale_with_the_mesh(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box([4, 4, 1]).apply_translation([0, 0, 5]).export(tmp_path / "wall.ply")
+    args = parsed("--blocker", str(tmp_path / "wall.ply"))
+    (wall,) = request.blockers_from(args, SimpleNamespace(report={"scale": 10.0}))
+    np.testing.assert_allclose(wall.bounds, [[-20, -20, 45], [20, 20, 55]])
+    np.testing.assert_allclose(wall.vertices.max(axis=0), (20, 20, 55))
+
+
+def test_no_light_is_said(monkeypatch):
+    report = {"energy": {"deposited_W": [0.0, 0.0, 0.0]}}
+    monkeypatch.setattr("clsss.simulate.simulate", lambda *args, **options: SimpleNamespace(report=report))
+    mesh = SimpleNamespace(**vars(box()), report={"scale": 1.0})
+    with pytest.warns(UserWarning, match="no light enters"):
+        running.bake(parsed("--light", "directional:0,0,1:0"), mesh, None)
+
+
+def test_swatches_only_where_they_show(monkeypatch):
+    monkeypatch.setenv("COLORTERM", "truecolor")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    assert "\x1b[48;2;" in listing.table()
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b" not in listing.table()
+    monkeypatch.delenv("NO_COLOR")
+    monkeypatch.setenv("COLORTERM", "")
+    assert "\x1b" not in listing.one("marble")
+
+
+def test_doubtful_materials_are_marked():
+    lines = {line.split()[0]: line for line in listing.table().splitlines()}
+    assert "!" in lines["ketchup"]
+    assert "!" not in lines["marble"]
+    assert "diffusion is only approximate" in listing.one("ketchup")
+    assert "0.4562" in listing.one("marble")  # mean free path, red
