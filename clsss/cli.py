@@ -141,6 +141,8 @@ def compare(args: argparse.Namespace) -> None:
     for path, suffix in ((args.picture, ".png"), (args.json, ".json")):
         if path and check_writable(path).suffix.lower() != suffix:
             raise InputError(f"{path}: its name must end in {suffix}")
+    if args.blockers:
+        raise InputError("compare: dipole and Monte Carlo know no blockers; leave --blocker out")
     if args.save_scene:
         scenefile.check(args.save_scene)
     scene = _scene() if args.picture else None

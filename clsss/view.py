@@ -30,6 +30,8 @@ def main(argv: list[str] | None = None) -> None:
             args = window.seen()
         if args.save_scene:
             scenefile.save(args, args.save_scene)
+            if not args.quiet:
+                print(f"saved {args.save_scene}", file=sys.stderr)
 
     try:
         code = run(command)
