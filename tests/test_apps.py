@@ -12,7 +12,7 @@ import pytest
 from clsss.errors import DeviceError
 
 ROOT = Path(__file__).parent.parent
-# docs/numerics.md, "Limits": nearly closed boundaries without absorption, V(1,1), bodies that merge on coarse levels.
+# docs/numerics.md, "Limits": phi nearly 0 at the boundary, V(1,1), bodies that merge on coarse levels.
 MISSED = re.compile(r"two-point part|sigma_a 0: defect|balls, gap|stack|sphere \d+: fine-grid|plate|shell 2h")
 
 
