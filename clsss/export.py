@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from clsss.mesh import Mesh
     from clsss.simulate import Result
 
+_PLY_NAMES = {"u1": "uchar", "<f4": "float", "<f8": "double"}
 SUFFIXES = (".glb", ".ply", ".obj", ".npz", ".vtu")
 
 
@@ -160,6 +161,13 @@ def _colour(result: Result, scale: float) -> np.ndarray:
     return np.clip(np.nan_to_num(result.vertex_radiosity) * scale, 0, 1)
 
 
+def _offset(mesh: Mesh) -> np.ndarray:
+    """The middle (3,) of a mesh so far from the origin that single precision would round its shape, else 0."""
+    used = mesh.vertices[mesh.faces]
+    low, high = used.min(axis=(0, 1)), used.max(axis=(0, 1))
+    return (low + high) / 2 if np.abs(low + high).max() > 1e3 * (high - low).max() else np.zeros(3)
+
+
 def _glb(result: Result, scale: float) -> bytes:
     import trimesh
 
@@ -171,8 +179,9 @@ def _glb(result: Result, scale: float) -> bytes:
         "_RADIOSITY": result.vertex_radiosity,
         "_FLUENCE": result.vertex_fluence,
     }
+    offset = _offset(mesh)
     shape = trimesh.Trimesh(
-        mesh.vertices,
+        mesh.vertices - offset,
         mesh.faces,
         process=False,
         validate=False,
@@ -196,7 +205,7 @@ def _glb(result: Result, scale: float) -> bytes:
         ]
 
     scene = trimesh.Scene()
-    scene.add_geometry(shape, geom_name=mesh.name)
+    scene.add_geometry(shape, geom_name=mesh.name, transform=trimesh.transformations.translation_matrix(offset))
     return trimesh.exchange.gltf.export_glb(scene, include_normals=False, tree_postprocessor=unlit)
 
 
@@ -222,13 +231,15 @@ def _ply(result: Result, scale: float) -> bytes:
         ("fluence_r", "fluence_g", "fluence_b"): result.vertex_fluence,
     }
     columns = {name: values[:, i] for names, values in groups.items() for i, name in enumerate(names)}
-    types = {name: "u1" if name in ("red", "green", "blue") else "<f4" for name in columns}
+    place = "<f8" if _offset(mesh).any() else "<f4"
+    kinds = {**dict.fromkeys("xyz", place), **dict.fromkeys(("red", "green", "blue"), "u1")}
+    types = {name: kinds.get(name, "<f4") for name in columns}
     vertices = np.empty(len(mesh.vertices), list(types.items()))
     for name, values in columns.items():
         vertices[name] = values
     faces = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, mesh.faces
-    properties = [f"property {'uchar' if kind == 'u1' else 'float'} {name}" for name, kind in types.items()]
+    properties = [f"property {_PLY_NAMES[kind]} {name}" for name, kind in types.items()]
     header = [
         "ply",
         "format binary_little_endian 1.0",
@@ -250,7 +261,7 @@ def _obj(result: Result, scale: float) -> bytes:
     np.savetxt(
         out,
         np.hstack([mesh.vertices, srgb_encode(_colour(result, scale))]),
-        "v %.9g %.9g %.9g %.5f %.5f %.5f",
+        "v %.14g %.14g %.14g %.5f %.5f %.5f",
     )
     np.savetxt(out, mesh.normals, "vn %.5f %.5f %.5f")
     np.savetxt(out, np.repeat(mesh.faces + 1, 2, axis=1), "f %d//%d %d//%d %d//%d")

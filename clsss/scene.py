@@ -8,6 +8,7 @@ curve (0.8 of white) a pixel is the simulated exitance. Input: vertices [mm], ra
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -104,6 +105,7 @@ class Scene:
         self._vertices: moderngl.VertexArray | None = None
         self._radiosity: moderngl.Buffer | None = None
         self._targets: tuple[Any, ...] = ()
+        self._centre = np.zeros(3)
         self.mesh: Mesh | None = None
         self.scale = 0.0
 
@@ -113,7 +115,8 @@ class Scene:
 
     def set_mesh(self, mesh: Mesh) -> None:
         """Show this mesh, grey until `set_radiosity`."""
-        geometry = np.hstack([mesh.vertices, mesh.normals]).astype("f4")
+        self._centre = mesh.vertices[mesh.faces].mean(axis=(0, 1))  # far from the origin, floats are coarse
+        geometry = np.hstack([mesh.vertices - self._centre, mesh.normals]).astype("f4")
         self._radiosity = self.context.buffer(reserve=12 * len(mesh.vertices))
         self._vertices = self.context.vertex_array(
             self._mesh_program,
@@ -140,9 +143,7 @@ class Scene:
             height, width = picture.shape[:2]
             self._overlay_picture = self.context.texture((width, height), 4, np.ascontiguousarray(picture))
 
-    def draw(
-        self, target: moderngl.Framebuffer, size: tuple[int, int], camera: Camera | None, exposure: float
-    ) -> None:
+    def draw(self, target: moderngl.Framebuffer, size: tuple[int, int], camera: Camera | None, exposure: float) -> None:
         """Draw the picture.
 
         Parameters
@@ -166,7 +167,8 @@ class Scene:
         self._background.render(moderngl.TRIANGLES, 3)
         if self._vertices is not None and self.mesh is not None and camera is not None:
             radius = float(np.linalg.norm(self.mesh.vertices - camera.target, axis=1).max())
-            matrix = camera.matrix(size[0] / size[1], 1.01 * radius)
+            centred = replace(camera, target=camera.target - self._centre)
+            matrix = centred.matrix(size[0] / size[1], 1.01 * radius)
             self._mesh_program["matrix"] = tuple(matrix.T.ravel())
             self._mesh_program["towards_eye"] = tuple(camera.axes()[2])
             self._mesh_program["baked"] = self.scale > 0

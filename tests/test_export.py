@@ -188,3 +188,14 @@ def test_exposure_looks_from_where_the_camera_is():
     radiosity = np.repeat([[0.01] * 3, [1.0] * 3], 4, axis=0)
     assert export.display_scale(wall, radiosity, np.array([0, 0, 1.0])) == pytest.approx(1, rel=0.01)
     assert export.display_scale(wall, radiosity, np.array([0, 0, -1.0])) == pytest.approx(100, rel=0.01)
+
+
+def test_far_from_the_origin_the_shape_survives(result, tmp_path):
+    """Scans in world coordinates: single precision has steps of 0.5 mm there."""
+    trimesh = pytest.importorskip("trimesh")
+    near = result.mesh.vertices[:4]
+    result.mesh.vertices = result.mesh.vertices + np.array([5e6, 4e6, 1e3])
+    for suffix in ("ply", "obj", "glb"):
+        export.save(result, tmp_path / f"far.{suffix}")
+        read = trimesh.load_scene(tmp_path / f"far.{suffix}", process=False).to_mesh().vertices[:4]
+        np.testing.assert_allclose(read - (5e6, 4e6, 1e3), near, atol=1e-6)

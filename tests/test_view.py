@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsss import options, scenefile, view
+from clsss import grammar, scenefile, view
 from clsss.camera import Camera, fitted
 from clsss.errors import DeviceError
 from clsss.export import srgb_encode
@@ -162,13 +162,13 @@ def test_baker_hands_over_its_error(monkeypatch):
 @pytest.mark.parametrize("text", ["1", "1,2,3,4", "0,90", "0,0,0", "a,b"])
 def test_bad_camera(text):
     with pytest.raises(argparse.ArgumentTypeError):
-        options.camera(text)
+        grammar.camera(text)
 
 
 @pytest.mark.parametrize("text", ["", "12", "1x1", "800x99999", "axb"])
 def test_bad_window_size(text):
     with pytest.raises(argparse.ArgumentTypeError):
-        options.window_size(text)
+        grammar.window_size(text)
 
 
 def test_screenshot_of_the_demonstration_mesh(tmp_path):
@@ -192,3 +192,13 @@ def test_screenshot_of_the_demonstration_mesh(tmp_path):
     with image.open(tmp_path / "größe 1.png") as picture:
         assert picture.size == (160, 90)
         assert np.asarray(picture).max() > 120
+
+
+def test_far_from_the_origin_the_picture_is_the_same(scene, square):
+    pictures = []
+    for offset in (0.0, 1e7):
+        moved = SimpleNamespace(**{**vars(square), "vertices": square.vertices + offset})
+        scene.set_mesh(moved)
+        scene.set_radiosity(np.where(square.vertices[:, :1] > 0, 0.6, 0.2) * np.ones(3), 1.0)
+        pictures.append(scene.picture(SIZE, front(moved)).astype(int))
+    assert np.abs(pictures[1] - pictures[0]).max() <= 1
