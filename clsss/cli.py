@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 from clsss import __version__, scenefile
 from clsss.errors import InputError
-from clsss.options import LIGHT_HELP, Parser, add_camera, add_mesh, add_output, add_shared, count
+from clsss.grammar import count
+from clsss.options import LIGHT_HELP, Parser, add_camera, add_mesh, add_output, add_shared
 from clsss.running import bake_with_bar, interruptible, leave, load, progress_bar, run
 
 if TYPE_CHECKING:

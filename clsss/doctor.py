@@ -21,6 +21,9 @@ _PACKAGES = (
     "moderngl",
     "glfw",
     "pillow",
+    "meshio",
+    "nibabel",
+    "pynrrd",
 )
 _OPENGL = {
     "without a window (EGL)": "moderngl.create_context(standalone=True, require=330, **EGL)",

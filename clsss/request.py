@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from clsss import tomlfile
 from clsss.errors import InputError
-from clsss.options import DEFAULT_MATERIAL, DEMO, LightOption, default_lights
+from clsss.grammar import LightOption
+from clsss.options import DEFAULT_MATERIAL, DEMO, default_lights
 
 if TYPE_CHECKING:
     import numpy as np

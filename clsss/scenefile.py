@@ -14,19 +14,17 @@ from typing import Any
 from clsss import tomlfile
 from clsss.errors import InputError
 from clsss.export import check_writable, write_atomically
+from clsss.grammar import PAINT, LightOption, joined
 from clsss.options import (
     DEFAULT_MATERIAL,
     DEFAULTS,
     DEMO,
-    PAINT,
-    LightOption,
     add_camera,
     add_output,
     add_shared,
     add_window_size,
     conflict,
     default_lights,
-    joined,
 )
 from clsss.options import parse as parse_words
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from clsss.camera import Camera, fitted
 from clsss.export import check_writable, display_scale, write_atomically
+from clsss.grammar import LightOption
 from clsss.opengl import open_window
-from clsss.options import WINDOW_HELP, LightOption, default_lights
+from clsss.options import WINDOW_HELP, default_lights
 from clsss.overlay import panel
 from clsss.request import eye_from
 from clsss.running import bake, load, overall

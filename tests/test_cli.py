@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsss import cli, images, listing, options, request, running, scenefile
+from clsss import cli, grammar, images, listing, options, request, running, scenefile
 from clsss.errors import DeviceError, InputError
 
 ROOT = Path(__file__).parent.parent
@@ -45,13 +45,13 @@ def clsss(*words, **options):
     ("text", "mm"), [("20", 20), ("20mm", 20), ("2cm", 20), ("0.1m", 100), ("1in", 25.4), ("1e1 mm", 10)]
 )
 def test_length(text, mm):
-    assert options.length(text) == pytest.approx(mm)
+    assert grammar.length(text) == pytest.approx(mm)
 
 
 @pytest.mark.parametrize("text", ["", "0", "-1", "3ly", "nan", "inf", "mm", "1,5"])
 def test_bad_length(text):
     with pytest.raises(argparse.ArgumentTypeError, match="write 20, 20mm"):
-        options.length(text)
+        grammar.length(text)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_bad_length(text):
 )
 def test_bad_light(text):
     with pytest.raises(argparse.ArgumentTypeError):
-        options.light(text)
+        grammar.light(text)
 
 
 def test_directional_light():

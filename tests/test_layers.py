@@ -21,6 +21,7 @@ LAYERS = {
         "analytic",
         "analytic_sphere",
         "images",
+        "grammar",
         "camera",
         "refine",
         "pointtree",

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsss import options, request, scenefile, window
+from clsss import grammar, options, request, scenefile, window
 from clsss.errors import InputError
 from clsss.lights import DirectionalLight, PointLight
 
@@ -151,11 +151,11 @@ def test_a_scene_is_written_under_its_own_suffix(tmp_path):
 
 def test_turned_lights_become_options_that_give_them():
     mesh = SimpleNamespace(bounds=np.array([[-1, 0, 0], [1, 1, 1]]), size=2)
-    sun = window.as_option(options.light("directional:0,0,1:3"), DirectionalLight((0.6, 0.8, 0), (1, 2, 3)))
-    lamp = window.as_option(options.light("point:0,1.5,0b"), PointLight((1, 2, 3), 5))
-    sky = options.light("env:1")
+    sun = window.as_option(grammar.light("directional:0,0,1:3"), DirectionalLight((0.6, 0.8, 0), (1, 2, 3)))
+    lamp = window.as_option(grammar.light("point:0,1.5,0b"), PointLight((1, 2, 3), 5))
+    sky = grammar.light("env:1")
     assert window.as_option(sky, object()) is sky
-    made = request.lights_from(SimpleNamespace(lights=[options.light(str(o)) for o in (sun, lamp)], up="y"), mesh)
+    made = request.lights_from(SimpleNamespace(lights=[grammar.light(str(o)) for o in (sun, lamp)], up="y"), mesh)
     np.testing.assert_allclose(made[0].direction, (0.6, 0.8, 0))
     np.testing.assert_allclose(made[0].irradiance, (1, 2, 3))
     np.testing.assert_allclose(made[1].position, (1, 2, 3))
