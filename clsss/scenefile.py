@@ -13,7 +13,6 @@ from typing import Any
 
 from clsss import tomlfile
 from clsss.errors import InputError
-from clsss.export import check_writable, write_atomically
 from clsss.grammar import PAINT, LightOption, joined
 from clsss.options import (
     DEFAULT_MATERIAL,
@@ -134,6 +133,8 @@ def _repathed(key: str, value: Any, move: Any) -> Any:
 
 def check(path: str) -> Path:
     """The path, once it is known that a scene can be written there."""
+    from clsss.export import check_writable
+
     if not path.lower().endswith(SUFFIX):
         raise InputError(f"{path}: a scene file's name ends in {SUFFIX}")
     return check_writable(path)
@@ -148,6 +149,8 @@ def save(args: argparse.Namespace, path: str) -> None:
         It cannot be written.
     """
     import tomli_w
+
+    from clsss.export import write_atomically
 
     folder = check(path).parent.resolve()
     values = {key: getattr(args, key) for key in _actions() if getattr(args, key) is not None}

@@ -116,3 +116,12 @@ def test_import_is_light(module):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
                           cwd=PACKAGE.parent)  # fmt: skip
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("module", ["clsss", "clsss.cli", "clsss.view"])
+def test_help_waits_for_nothing(module):
+    """Parsing needs no numbers: not even numpy, which takes longer to import than everything else."""
+    code = f"import sys, {module}; print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
+                          cwd=PACKAGE.parent)  # fmt: skip
+    assert done.stdout.strip() == "False"
