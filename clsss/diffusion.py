@@ -40,8 +40,6 @@ class Coefficients:
         Boundary constant A.
     eta : float
         Relative index of refraction.
-    second : bool
-        Whether only light scattered twice and more is diffuse.
     """
 
     homogeneous: bool
@@ -51,12 +49,11 @@ class Coefficients:
     g: float
     fresnel_A: float
     eta: float
-    second: bool = False
 
     @property
     def defines(self) -> tuple[str, ...]:
         """What kernels are built with."""
-        return (() if self.homogeneous else ("HETEROGENEOUS",)) + (("SECOND_SCATTERING",) if self.second else ())
+        return () if self.homogeneous else ("HETEROGENEOUS",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,34 +120,28 @@ def forward_fraction(phase: str, g: float) -> float:
 
 
 def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
-                  phase: str = "similarity", second: bool = False) -> Coefficients:  # fmt: skip
+                  phase: str = "similarity") -> Coefficients:  # fmt: skip
     """Coefficients of a medium at the cells of an octree.
 
     D = 1 / (3 sigma_tr), sigma_tr = sigma_a + (1 - g) sigma_s, for every phase; beams lose sigma_a + (1 - f) sigma_s.
-    Where only second scattering drives the diffuse light, D = (sigma_tr + sigma_a) / (3 sigma_tr^2) (Grosjean).
     """
-
-    def diffusion(sigma_a: np.ndarray, sigma_s: np.ndarray) -> np.ndarray:
-        sigma_tr = sigma_a + (1 - medium.g) * sigma_s
-        return (sigma_tr + sigma_a) / (3 * sigma_tr**2) if second else 1 / (3 * sigma_tr)
-
     n_levels = len(octree.levels)
     f = forward_fraction(phase, medium.g)
     beam_g = (medium.g - f) / (1 - f)
     if medium.homogeneous:
         sigma_a, sigma_s = medium.coefficients(np.zeros((1, 3)))
-        values = diffusion(sigma_a[0], sigma_s[0]), sigma_a[0], (1 - f) * sigma_s[0]
+        values = 1 / (3 * (sigma_a[0] + (1 - medium.g) * sigma_s[0])), sigma_a[0], (1 - f) * sigma_s[0]
         one = [[device.vector(channels(v))] * n_levels for v in values]
-        return Coefficients(True, one[0], one[1], one[2], beam_g, fresnel_A, medium.eta, second)
+        return Coefficients(True, one[0], one[1], one[2], beam_g, fresnel_A, medium.eta)
     D: list[Buffer] = []
     absorption: list[Buffer] = []
     scattering: list[Buffer] = []
     for points in cell_points(octree):
         sigma_a, sigma_s = medium.coefficients(points)
-        D.append(device.array(channels(diffusion(sigma_a, sigma_s))))
+        D.append(device.array(channels(1 / (3 * (sigma_a + (1 - medium.g) * sigma_s)))))
         absorption.append(device.array(channels(sigma_a)))
         scattering.append(device.array(channels((1 - f) * sigma_s)))
-    return Coefficients(False, D, absorption, scattering, beam_g, fresnel_A, medium.eta, second)
+    return Coefficients(False, D, absorption, scattering, beam_g, fresnel_A, medium.eta)
 
 
 def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Operator:

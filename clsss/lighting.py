@@ -87,8 +87,7 @@ class Interreflection:
     Its state is B (p, 3), all light that leaves each patch: B <- J.n + F B.
     """
 
-    def __init__(self, scene: Scene, source: Source, once: np.ndarray):
-        self.once = once
+    def __init__(self, scene: Scene, source: Source):
         assert scene.exchange is not None
         self.scene, self.exchange = scene, scene.exchange
         self.state = np.zeros((scene.exchange.share.shape[0], 3))
@@ -104,7 +103,7 @@ class Interreflection:
         """One step of the exchange; how far B moved, relative to its size."""
         self._set_moment()
         flux = boundary_flux(self.scene.multigrid.residual, phi, self.moment)
-        last, self.state = self.state, self.exchange.share @ (flux + self.once) + self.exchange.arriving @ self.state
+        last, self.state = self.state, self.exchange.share @ flux + self.exchange.arriving @ self.state
         size = np.linalg.norm(self.state, axis=0)
         return float((np.linalg.norm(self.state - last, axis=0) / np.where(size > 0, size, 1)).max())
 
@@ -152,16 +151,10 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         source = make_source(
             device, octree, medium, list(lights), unit, scene.blockers, lambda f: tell("source", f)
         )
-    with timed("single", seconds, tell):
-        once = np.zeros((octree.cut.n, 3))
-        if scene.unreduced:
-            points, normals = boundary_points(octree)
-            once = exitance_once(device, octree, scene.unreduced, list(lights), unit, points, normals,
-                                 lambda f: tell("single", f))  # fmt: skip
     with timed("solve", seconds, tell):
         scene.multigrid.residual.wall = source.wall
         phi = Field(device, octree)
-        follower = Interreflection(scene, source, once) if scene.exchange else None
+        follower = Interreflection(scene, source) if scene.exchange else None
         if last is not None:
             scene.multigrid.combine(last.unit / unit, last.phi, 0, phi)
             if follower:
@@ -173,11 +166,17 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         flux, entering = follower.surface(phi) if follower else (
             boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
     gain = scene.exchange.gain if scene.exchange else 0.0
-    exitance = device.array(channels(flux + entering + once))
+    exitance = device.array(channels(flux + entering))
     fluence = device.array(channels(2 * medium.fresnel_A * flux + gain * entering))
     leaving = follower.state if follower else np.zeros((0, 3))
-    singly = device.array(channels(once)) if scene.unreduced else None
-    return Solution(unit, phi, flux, exitance, fluence, singly, leaving, source, convergence)
+    once = None
+    if scene.unreduced:
+        with timed("single", seconds, tell):
+            points, normals = boundary_points(octree)
+            traced = exitance_once(device, octree, scene.unreduced, list(lights), unit, points, normals,
+                                   lambda f: tell("single", f))  # fmt: skip
+            once = device.array(channels(traced))
+    return Solution(unit, phi, flux, exitance, fluence, once, leaving, source, convergence)
 
 
 def interpolate(scene: Scene, solution: Solution, points: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from clsss.multigrid import Multigrid
 from clsss.single import radiance_once
 from clsss.surface import fluence_at
 
-STAGES = ("device", "cut cells", "octree", "exchange", "source", "single", "solve", "surface")
+STAGES = ("device", "cut cells", "octree", "exchange", "source", "solve", "single", "surface")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +124,9 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         How a beam treats forward scattering, for g > 0: a fraction g, g^2 or 0 of it counts as unscattered. The
         first needs cells of about the transport mean free path, the last of the mean free path.
     scattering : {"all", "split"}
-        Whether diffusion stands for all scattered light, or light scattered once is traced on its own and
-        diffusion driven by second scattering: slower, and closer to the truth where absorption is strong.
+        Whether diffusion stands for all scattered light, or light scattered once is also traced on its own, and
+        what diffusion gives beyond it taken as multiple scattering. The total is the same; `radiance` gains the
+        single part's dependence on the view. Slower.
     blockers : sequence of Mesh
         Opaque black bodies that cast shadows: on the object, and between parts of its surface.
     progress : bool or callable, optional
@@ -163,7 +164,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
                 f"{mesh.name}: no cell of the grid lies inside at resolution {resolution}; raise the resolution"
             )
         split = scattering == "split"
-        coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase, second=split)
+        coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
         unreduced = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), "p1") if split else None
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         dev.finish()
@@ -187,6 +188,8 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
     seconds["total"] = seconds["load"] + perf_counter() - start
     assert radiosity is not None
     assert fluence is not None
+    if single is not None:
+        single = np.minimum(single, radiosity)
     report = _report(scene, solution, seconds)
     return Result(mesh, medium, lights, radiosity, fluence, report, single, scene, solution)
 

@@ -25,7 +25,6 @@ from clsss.octree import Octree
 from clsss.rays import RayCaster
 
 ENVIRONMENT_BEAMS = 256
-ESCAPE_DIRECTIONS = 48  # in which light may leave after its first scattering
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,15 +177,6 @@ class Beams:
         device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], finest.position,
                    cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment, self.wall)  # fmt: skip
 
-    def keep_scattered_again(self) -> None:
-        """Take away what leaves the object after its first scattering: it never becomes diffuse."""
-        octree, cut = self.octree, self.octree.cut
-        kernel = self.device.kernel("single", "keep_scattered_again", *self.medium.defines)
-        for level, Q in zip(octree.levels, self.Q, strict=True):
-            self.device.run(kernel, level.n, level.n, level.depth, ESCAPE_DIRECTIONS, octree.grid.dims, octree.block,
-                            octree.brick, level.position, level.is_leaf, octree.cut_index, cut.boundary, cut.normal,
-                            cut.centroid, *self._extinction, Q, self.moment)  # fmt: skip
-
     def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:
         """The beam of a lamp inside the object starts in a cell: what it emits there is no divergence of B."""
         depth, index = self.octree.find(lamp.position[None])
@@ -200,8 +190,7 @@ class Beams:
             a, s = sigma_a.get()[index[0]].astype(float), sigma_s.get()[index[0]].astype(float)
         power = 4 * np.pi * channels(lamp.intensity / unit)
         Q = self.Q[k].get()
-        albedo = s / (a + s)
-        Q[index[0]] += power * (albedo**2 if self.medium.second else albedo)
+        Q[index[0]] += power * s / (a + s)
         self.Q[k].set(Q)
         self.incident += power[:3]
 
@@ -264,8 +253,6 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         device.finish()
         if progress is not None:
             progress(done / len(collimated))
-    if medium.second:
-        beams.keep_scattered_again()
     deposited = sum(q.get()[:, :3].astype(float).sum(axis=0) for q in beams.Q)
     b = beams.Q
     scale = device.kernel("source", "right_hand_side", *medium.defines)

@@ -64,29 +64,3 @@ __kernel void scattered_once(const int n, const int n_depths, const REAL h, cons
     const REAL passes = eta == 1 ? 1 : transmittance(mu, eta) / (eta * eta);
     radiance[i] += passes * sum;
 }
-
-/* Share of what a cell scatters first that flies out unscattered; the rest drives the diffuse light. */
-// cost keep_scattered_again: 12R+20 B, 20000 flop
-__kernel void keep_scattered_again(const int n, const int depth, const int n_directions, const int4 dims,
-                                   __global const int *restrict block, __global const int *restrict brick,
-                                   __global const int *restrict position, __global const uchar *restrict is_leaf,
-                                   __global const int *restrict cut_index, __global const REAL4 *restrict boundary,
-                                   __global const REAL4 *restrict normal, __global const REAL4 *restrict centroid,
-                                   EXTINCTION, __global REAL4 *restrict Q, __global REAL4 *restrict moment) {
-    const int i = get_global_id(0);
-    if (i >= n || !is_leaf[i]) return;
-    const REAL4 corner = convert_REAL4(vload4(i, position));
-    const int cut = depth == 0 ? cut_index[i] : -1;
-    REAL4 p = cut >= 0 ? corner + centroid[cut] : (corner + (REAL)0.5) * (REAL)(1 << depth), escapes = (REAL4)(0);
-    p.w = 0;
-    for (int k = 0; k < n_directions; k++) {
-        const REAL z = 1 - (2 * k + 1) / (REAL)n_directions, r = sqrt(1 - z * z), a = k * (REAL)2.39996322972865;
-        const Beam beam = {(REAL4)(r * cos(a), r * sin(a), z, 0), (REAL)1e30};
-        int last;
-        escapes += exp(-optical_depth(p, beam, dims, block, brick, cut_index, boundary, normal, centroid,
-                                      EXTINCTION_ARGUMENTS, &last));
-    }
-    const REAL4 kept = 1 - escapes / n_directions;
-    Q[i] *= kept;
-    if (cut >= 0) moment[cut] *= kept;
-}

@@ -19,15 +19,7 @@ REAL4 log_mean(const REAL4 u, const REAL4 v) {
     return select(select(far, near, d < (REAL)0.05), (REAL4)(0), low <= 0);
 }
 
-/* Share of what the beam loses that drives the diffuse light: the albedo, squared where it scatters twice first. */
-REAL4 albedo(MEDIUM sigma_a, MEDIUM sigma_s, const int i) {
-    const REAL4 a = AT(sigma_s, i) / (AT(sigma_a, i) + AT(sigma_s, i));
-#ifdef SECOND_SCATTERING
-    return a * a;
-#else
-    return a;
-#endif
-}
+REAL4 albedo(MEDIUM sigma_a, MEDIUM sigma_s, const int i) { return AT(sigma_s, i) / (AT(sigma_a, i) + AT(sigma_s, i)); }
 
 /* What a face carries per irradiance and area: a + 3 D g sigma_s. */
 REAL4 carried(const REAL g, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s, const int i) {
