@@ -22,6 +22,7 @@ from clsss.device import KERNEL_DIR, Buffer, Device, kernel_source
 
 CACHES = 6  # size of a triad's arrays together, in the device's last cache
 LEAST_BYTES = 96 << 20  # likewise, at least
+PATIENCE = 2.0  # s
 LEAST_PIECE = 8 << 20  # bytes of a triad that is timed next to a short kernel
 _TRIAD = """__kernel void triad(const int first, const int n, const REAL s, __global const REAL4 *restrict b,
                                 __global const REAL4 *restrict c, __global REAL4 *restrict a)
@@ -229,12 +230,13 @@ class Triad:
 def paired(triad: Callable[[], float], work: Callable[[], float], rounds: int) -> tuple[float, float]:
     """Median seconds of `work`, and the same in u: the median of its ratio to u just before and just after it.
 
-    The first run of `work` is dropped.
+    The first run of `work` is dropped; at least three rounds, no more once they took `PATIENCE`.
     """
     work()
-    times, ratios = [], []
+    times: list[float] = []
+    ratios: list[float] = []
     before = triad()
-    for _ in range(rounds):
+    while len(times) < rounds and (len(times) < 3 or sum(times) < PATIENCE):
         times.append(work())
         after = triad()
         ratios.append(times[-1] / ((before + after) / 2))
