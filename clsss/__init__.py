@@ -18,25 +18,30 @@ if TYPE_CHECKING:
     from clsss.device import devices
     from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
     from clsss.materials import Material, material, materials
-    from clsss.media import Grid, Mix, Perlin
+    from clsss.media import Grid, Mix, Perlin, Voxels
     from clsss.mesh import Mesh, load_mesh
+    from clsss.paint import Inward
     from clsss.simulate import Result, simulate
+    from clsss.validity import DiffusionWarning
 
 __version__ = "0.1.0"
 
 __all__ = [
     "DeviceError",
+    "DiffusionWarning",
     "DirectionalLight",
     "Emission",
     "EnvironmentLight",
     "Grid",
     "InputError",
+    "Inward",
     "Material",
     "Mesh",
     "Mix",
     "Perlin",
     "PointLight",
     "Result",
+    "Voxels",
     "devices",
     "load_mesh",
     "material",
@@ -48,10 +53,12 @@ __all__ = [
 _HOME = {
     "lights": ("DirectionalLight", "Emission", "EnvironmentLight", "PointLight"),
     "materials": ("Material", "material", "materials"),
-    "media": ("Grid", "Mix", "Perlin"),
+    "media": ("Grid", "Mix", "Perlin", "Voxels"),
+    "paint": ("Inward",),
     "mesh": ("Mesh", "load_mesh"),
     "simulate": ("Result", "simulate"),
     "device": ("devices",),
+    "validity": ("DiffusionWarning",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clsss import __version__, cutcell, diffusion, octree
+from clsss import __version__, cutcell, diffusion, octree, validity
 from clsss.arguments import check, check_memory, checked_lights, checked_points
 from clsss.device import Buffer, open_device
 from clsss.errors import InputError
@@ -147,6 +147,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     lights = checked_lights(lights)
     check(mesh, medium, resolution, tolerance, phase, scattering, blockers)
     check_memory(mesh, int(resolution))
+    validity.warn(mesh, medium)
     tell = _reporter(progress)
     seconds = {"load": float(mesh.report.get("seconds", 0.0)), **dict.fromkeys(STAGES, 0.0)}
     with timed("device", seconds, tell):

@@ -19,7 +19,7 @@ from measuring import Recorder, Triad, paired
 CELLS = 48
 LEAST_SHARE = 0.15  # of the triad's bandwidth, by the declared bytes
 MOST_UNITS = 2.5  # of the time the triad needs to move 1 GB, for a V(2,2) with residual: launches count, cells hardly
-ROUNDS = 7
+ROUNDS = 5
 TRIES = 3  # other work on the machine may spoil a few
 
 
