@@ -1,6 +1,6 @@
 """How fast is each kernel, measured against what the memory of this machine gives?
 
-    python apps/bench_kernels.py [--quick] [--precision double] [--json FILE] [--out FOLDER]
+    python apps/bench_kernels.py [--quick] [--busy] [--precision double] [--json FILE] [--out FOLDER]
 
 Runs the whole pipeline on a ball, uniform and as an octree, of one material and of two mixed; then repeats the
 largest launch of every kernel alone, each next to a triad (a = b + s c over arrays much larger than the cache).
@@ -139,7 +139,8 @@ def measure_cycle(device: Recorder, triad: Triad, mg: Multigrid, b: Field, round
         mg.v_cycle(len(mg.e) - 1)
         mg.combine(1, mg.e, 1, phi)
 
-    return paired(partial(triad.unit, triad.seconds), partial(triad.seconds, cycle), rounds)
+    timer = device.seconds_with_launches
+    return paired(partial(triad.unit, timer), partial(timer, cycle), rounds)
 
 
 def bench(device: Recorder, triad: Triad, cells: int, name: str, rounds: int) -> tuple[list[Row], float]:
@@ -201,12 +202,15 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, help="repeats of each kernel")
     parser.add_argument("--precision", choices=("single", "double"), default="single")
     parser.add_argument("--device", help="part of an OpenCL device's name")
+    parser.add_argument("--busy", action="store_true", help="count processor time: other work runs on this CPU")
     parser.add_argument("--json", metavar="FILE", help="write all figures to this file")
     parser.add_argument("--out", metavar="FOLDER", help="draw a roofline into this folder (needs matplotlib)")
     args = parser.parse_args()
     sizes = args.sizes or ([32] if args.quick else [32, 64, BIGGEST])
     rounds = args.rounds or (3 if args.quick else 11)
-    device = Recorder(args.device, args.precision)
+    device = Recorder(args.device, args.precision, args.busy)
+    if args.busy and not device.is_cpu:
+        parser.error("--busy: processor time tells nothing of a GPU")
     triad = Triad(device)
     about = hardware(device)
     print(", ".join(f"{key} {value}" for key, value in about.items()))

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time, thread_time
 from typing import Any
 
 import numpy as np
@@ -62,12 +62,14 @@ class Recorder(Device):
     """A device that times what it runs, and keeps the largest launch of every kernel.
 
     With each it keeps what the kernel was about to overwrite: repeated from there, a launch does the same again.
+    On a `busy` machine it counts the processor time of a CPU device's threads, over their number, not the clock's.
     """
 
-    def __init__(self, name: str | None = None, precision: str = "single"):
+    def __init__(self, name: str | None = None, precision: str = "single", busy: bool = False):
         import pyopencl as cl
 
         super().__init__(name, precision)
+        self.busy = busy
         self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         self.launches: dict[str, Launch] = {}
         self.costs = {d: declared_costs(self.real.itemsize, d) for d in ((), ("HETEROGENEOUS",))}
@@ -94,14 +96,29 @@ class Recorder(Device):
         import pyopencl as cl
 
         before()
+        if self.busy:
+            self.queue.finish()
+            start = process_time() - thread_time()
+            work()
+            self.queue.finish()
+            return (process_time() - thread_time() - start) / self.handle.max_compute_units
         gate = cl.UserEvent(self.context)
         cl.enqueue_barrier(self.queue, wait_for=[gate])
-        start = cl.enqueue_marker(self.queue)
+        first = cl.enqueue_marker(self.queue)
         work()
-        end = cl.enqueue_marker(self.queue)
+        last = cl.enqueue_marker(self.queue)
         gate.set_status(cl.command_execution_status.COMPLETE)
         self.queue.finish()
-        return (end.profile.end - start.profile.end) * 1e-9
+        return (last.profile.end - first.profile.end) * 1e-9
+
+    def seconds_with_launches(self, work: Callable[[], Any]) -> float:
+        """From the host's first call to the device's last work; all threads' processor time where it is `busy`."""
+        self.queue.finish()
+        clock, share = (process_time, 1 / self.handle.max_compute_units) if self.busy else (perf_counter, 1.0)
+        start = clock()
+        work()
+        self.queue.finish()
+        return (clock() - start) * share
 
 
 @dataclass(eq=False)
@@ -203,15 +220,6 @@ class Triad:
         real = f"-DREAL={'float' if device.precision == 'single' else 'double'}"
         self._kernel = cl.Kernel(cl.Program(device.context, define + _TRIAD).build([real]), "triad")
         self._first = 0
-        self.unit(self.seconds)
-
-    def seconds(self, work: Callable[[], Any]) -> float:
-        """Of work that is enqueued, from the host's first call to the device's last."""
-        self.device.queue.finish()
-        start = perf_counter()
-        work()
-        self.device.queue.finish()
-        return perf_counter() - start
 
     def unit(self, timer: Callable[[Callable[[], Any]], float], nbytes: float = float("inf")) -> float:
         """u: seconds that it needs to move 1 GB, from a piece of about `nbytes`."""
@@ -244,10 +252,11 @@ def paired(triad: Callable[[], float], work: Callable[[], float], rounds: int) -
     return statistics.median(times), statistics.median(ratios)
 
 
-def bandwidth_unit(device: Device | None = None, repeats: int = 5) -> float:
-    """u, the median of `repeats`."""
-    triad = Triad(device or Device())
-    return statistics.median(triad.unit(triad.seconds) for _ in range(repeats))
+def bandwidth_unit(repeats: int = 5) -> float:
+    """The unit u on the best device, the median of `repeats`."""
+    recorder = Recorder()
+    triad = Triad(recorder)
+    return statistics.median([triad.unit(recorder.seconds) for _ in range(repeats + 1)][1:])
 
 
 def hardware(device: Device) -> dict[str, Any]:
