@@ -38,7 +38,7 @@ class Scene:
     multigrid: Multigrid
     exchange: Exchange | None
     blockers: RayCaster | None
-    unreduced: Coefficients | None  # where light scattered once is traced
+    split: bool  # whether light scattered once is traced on its own
     tolerance: float
 
 
@@ -170,10 +170,10 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     fluence = device.array(channels(2 * medium.fresnel_A * flux + gain * entering))
     leaving = follower.state if follower else np.zeros((0, 3))
     once = None
-    if scene.unreduced:
+    if scene.split:
         with timed("single", seconds, tell):
             points, normals = boundary_points(octree)
-            traced = exitance_once(device, octree, scene.unreduced, list(lights), unit, points, normals,
+            traced = exitance_once(device, octree, medium, list(lights), unit, points, normals,
                                    lambda f: tell("single", f))  # fmt: skip
             once = device.array(channels(traced))
     return Solution(unit, phi, flux, exitance, fluence, once, leaving, source, convergence)

@@ -21,9 +21,9 @@ from clsss.cutcell import CutCells, Grid, Samples, cut_moments
 from clsss.device import Buffer, Device
 
 SURFACE_LAYERS = 2  # finest-level blocks kept around a cut cell, in widths of the next level
-BAND = 2  # least width, in cells, of every band of one level
+BAND = 6  # width of every band of one level, in cells of the next coarser: glowing bodies need them inside
 
-SOURCE_VARIATION = 0.1  # greatest change of the incident light over a leaf, relative to its value at the surface
+SOURCE_VARIATION = 0.3  # greatest change of the incident light over a leaf, relative to its value at the surface
 SIGMA_VARIATION = 0.1  # greatest (max - min) / (max + min) of sigma_tr over a leaf
 
 Refine = Callable[[np.ndarray, float, np.ndarray], np.ndarray]
@@ -176,7 +176,7 @@ def _split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Ref
         again = open_cells[refine(centres, h, depth)]
         near[tuple(again.T)] = True
         split.insert(0, has[level] & near)
-        near = _dilate(_pool(split[0]), BAND // 2)
+        near = _dilate(_pool(split[0]), BAND)
         layers = -_pool_max(-layers)
     return split
 

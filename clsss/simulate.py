@@ -69,9 +69,9 @@ class Result:
         mu = np.clip((out * mesh.normals).sum(axis=1), 0, 1)
         single = 0.0 if self.vertex_radiosity_single is None else self.vertex_radiosity_single
         diffuse = (self.vertex_radiosity - single) / np.pi * leaving_shape(mu, scene.medium.eta)[:, None]
-        if scene.unreduced is None:
+        if not scene.split:
             return diffuse
-        once = radiance_once(scene.device, scene.octree, scene.unreduced, list(self.lights), solution.unit,
+        once = radiance_once(scene.device, scene.octree, scene.medium, list(self.lights), solution.unit,
                              mesh.vertices, mesh.normals, out)  # fmt: skip
         return diffuse + once * solution.unit
 
@@ -126,7 +126,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     scattering : {"all", "split"}
         Whether diffusion stands for all scattered light, or light scattered once is also traced on its own, and
         what diffusion gives beyond it taken as multiple scattering. The total is the same; `radiance` gains the
-        single part's dependence on the view. Slower.
+        single part's dependence on the view, with the forward peak that `phase` leaves. Slower.
     blockers : sequence of Mesh
         Opaque black bodies that cast shadows: on the object, and between parts of its surface.
     progress : bool or callable, optional
@@ -164,15 +164,13 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
             raise InputError(
                 f"{mesh.name}: no cell of the grid lies inside at resolution {resolution}; raise the resolution"
             )
-        split = scattering == "split"
         coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
-        unreduced = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), "p1") if split else None
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         dev.finish()
     with timed("exchange", seconds, tell):
         shadows = RayCaster(np.concatenate([body.triangles for body in blockers])) if blockers else None
         coupling = trace_exchange(mesh, tree, medium.eta, shadows, lambda f: tell("exchange", f))
-    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, unreduced, tolerance)
+    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, scattering == "split", tolerance)
     return _bake(scene, medium, lights, None, seconds, start, tell)
 
 

@@ -1,4 +1,4 @@
-"""Light scattered exactly once, which diffusion blurs: traced along rays, with unreduced coefficients.
+"""Light scattered exactly once, which diffusion blurs: traced along rays, with the coefficients of the beams.
 
     L(x, omega) = T / eta^2 int sigma_s p F exp(-tau) ds,    M_1 = int L cos dw
 
@@ -37,7 +37,7 @@ def radiance_once(device: Device, octree: Octree, medium: Coefficients, lights: 
     Parameters
     ----------
     medium : Coefficients
-        Unreduced, as of ``phase="p1"``.
+        The same as of the diffuse light: its phase says what counts as scattered.
     unit : float
         Strength that the result is a multiple of [W/mm^2].
     points, normals, out : (n, 3) float

@@ -19,11 +19,12 @@ REAL inside_share(const REAL s0, const REAL s1) {
     return s1 < 0 ? s1 / (s1 - s0) : 0;
 }
 
-/* Optical depth from p to the light, and the cut cell where its light enters the object last (-1: none). */
+/* Optical depth from p to the light, the cut cell where its light enters the object last (-1: none), and the length
+ * inside the object. */
 REAL4 optical_depth(const REAL4 p, const Beam beam, const int4 dims, __global const int *restrict block,
                     __global const int *restrict brick, __global const int *restrict cut_index,
                     __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                    __global const REAL4 *restrict centroid, EXTINCTION, int *entry) {
+                    __global const REAL4 *restrict centroid, EXTINCTION, int *entry, REAL *solid) {
     const REAL4 dir = beam.towards;
     const REAL huge = 1e30;
     const REAL4 inverse = (REAL4)(dir.x != 0 ? 1 / dir.x : huge, dir.y != 0 ? 1 / dir.y : huge,
@@ -32,6 +33,7 @@ REAL4 optical_depth(const REAL4 p, const Beam beam, const int4 dims, __global co
     REAL4 tau = (REAL4)(0);
     REAL t = 0;
     *entry = -1;
+    *solid = 0;
     while (t < beam.distance && c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < dims.x && c.y < dims.y && c.z < dims.z) {
         const int b = block[((c.z >> 3) * (dims.y >> 3) + (c.y >> 3)) * (dims.x >> 3) + (c.x >> 3)];
         const int code = b >= 0 ? brick[b * 512 + ((c.z & 7) * 8 + (c.y & 7)) * 8 + (c.x & 7)] : b == -1 ? -1 : -2 - b;
@@ -56,6 +58,7 @@ REAL4 optical_depth(const REAL4 p, const Beam beam, const int4 dims, __global co
                 if (share > 0) *entry = cut;
             }
             tau += EXTINCTION_OF(code) * (share * (end - t));
+            *solid += share * (end - t);
         }
         t = leave;
         const int4 next = clamp(convert_int4(floor(p + t * dir)), low, high - 1);
@@ -83,8 +86,9 @@ REAL4 reduced_irradiance(const REAL4 p, const REAL h, const REAL eta, const REAL
                          int entry) {
     const Beam beam = beam_at(light, p);
     int last;
+    REAL solid;
     const REAL4 tau = optical_depth(p, beam, dims, block, brick, cut_index, boundary, normal, centroid,
-                                    EXTINCTION_ARGUMENTS, &last);
+                                    EXTINCTION_ARGUMENTS, &last, &solid);
     REAL4 F = beam_strength(strength, light, beam, h) * exp(-tau);
     if (last >= 0) entry = last;
     if (eta != 1 && entry >= 0) {

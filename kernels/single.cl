@@ -2,8 +2,8 @@
  *
  *     L = T(mu) / eta^2  int sigma_s p(omega_light . omega) F(x - s omega) exp(-tau(s)) ds
  *
- * Depths s follow an exponential of the mean extinction. F is traced to the light from each, as in attenuate.cl,
- * with unreduced coefficients and the Henyey-Greenstein phase function.
+ * Depths s follow an exponential of the mean extinction, up to the first gap. F is traced to the light from each, as
+ * in attenuate.cl; p is the Henyey-Greenstein phase function.
  */
 #include "real.h"
 #include "tree.h"
@@ -54,8 +54,10 @@ __kernel void scattered_once(const int n, const int n_depths, const REAL h, cons
         if (cut >= 0 && dot((x - convert_REAL4(c) - boundary[cut]).xyz, normal[cut].xyz) > 0) continue;
         back.distance = s;
         int entry;
+        REAL solid;
         const REAL4 tau = optical_depth(p, back, dims, block, brick, cut_index, boundary, normal, centroid,
-                                        EXTINCTION_ARGUMENTS, &entry);
+                                        EXTINCTION_ARGUMENTS, &entry, &solid);
+        if (solid < s - 1) continue; /* what lies beyond a gap is another part's light */
         const REAL4 F = reduced_irradiance(x, h, eta, light, strength, dims, block, brick, cut_index, boundary, normal,
                                            centroid, EXTINCTION_ARGUMENTS, -1);
         const REAL turn = -dot(beam_at(light, x).towards.xyz, inside.xyz);

@@ -1,0 +1,164 @@
+"""What does each feature look like? One row of pictures for each, of the demonstration mesh or your own.
+
+    python apps/gallery.py [--mesh FILE] [--only NAME] [--resolution N] [--quick] [--out FOLDER]
+
+Draws FOLDER/NAME.png (docs/gallery by default), panels at one exposure a row. Two minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+import clsss
+from clsss.camera import Camera, fitted
+from clsss.demo import demo_mesh
+from clsss.export import display_scale
+from clsss.opengl import standalone_context
+from clsss.scene import Scene
+
+SIZE, BAND = (520, 420), 34
+BACK = clsss.DirectionalLight((0.45, -0.35, 0.8), irradiance=1.0)
+FRONT = clsss.DirectionalLight((0.3, -0.5, -0.8), irradiance=0.15)
+Panel = tuple[str, np.ndarray]
+
+
+class Baker:
+    """The mesh at hand, its camera, and bakes of it."""
+
+    def __init__(self, source: str | None, resolution: int):
+        self.source, self.resolution = source, resolution
+        self.mesh = self.load(20.0)
+        toward = Camera(np.zeros(3), 1.0, azimuth=-25, elevation=12)
+        self.camera = fitted(self.mesh.vertices, toward, SIZE[0] / SIZE[1])
+        self.eye = self.camera.target + self.camera.distance * self.camera.axes()[2]
+
+    def load(self, size: float) -> clsss.Mesh:
+        """The mesh, `size` mm long."""
+        return clsss.load_mesh(self.source or demo_mesh(), size=size)
+
+    def bake(self, medium: object, lights: list[object], **options: object) -> clsss.Result:
+        """Bake the mesh of 20 mm."""
+        return clsss.simulate(self.mesh, medium, lights, resolution=self.resolution, **options)
+
+    def panels(self, rows: dict[str, tuple[object, list[object]]], **options: object) -> list[Panel]:
+        """A panel of each medium and its lights."""
+        return [(text, self.bake(*what, **options).vertex_radiosity) for text, what in rows.items()]
+
+
+def sizes(baker: Baker) -> Iterator[Panel]:
+    """The same skin in three sizes: translucency is a matter of scale."""
+    for size in (10.0, 20.0, 40.0):
+        result = clsss.simulate(baker.load(size), clsss.material("skin1"), [BACK, FRONT], resolution=baker.resolution)
+        yield f"skin, {size:.0f} mm", result.vertex_radiosity
+
+
+def mixtures(baker: Baker) -> list[Panel]:
+    """Two materials blended by noise."""
+    marble = clsss.material("marble")
+    dense = clsss.Material(sigma_a=10 * marble.sigma_a, sigma_s=10 * marble.sigma_s, eta=marble.eta)
+    lights = [BACK, FRONT]
+    return baker.panels({
+        "marble": (marble, lights),
+        "marble, density 1 to 10": (clsss.Mix(marble, dense, clsss.Perlin(scale=4.0, seed=2)), lights),
+        "marble with ketchup": (clsss.Mix(marble, clsss.material("ketchup"), clsss.Perlin(scale=5.0, seed=1)), lights),
+    })  # fmt: skip
+
+
+def anisotropy(baker: Baker) -> list[Panel]:
+    """The same scattering, more and more of it forward: light goes deeper."""
+    return baker.panels({
+        f"g = {g}": (clsss.Material((0.002, 0.004, 0.007), 6.0, g=g, eta=1.3), [BACK, FRONT]) for g in (0.0, 0.5, 0.9)
+    })  # fmt: skip
+
+
+def mismatch(baker: Baker) -> list[Panel]:
+    """Light that meets the surface from inside is reflected back, the more the higher its index."""
+    return baker.panels({
+        f"eta = {eta}": (clsss.Material((0.002, 0.004, 0.007), 2.5, eta=eta), [BACK, FRONT]) for eta in (1.0, 1.3, 1.6)
+    })  # fmt: skip
+
+
+def lights(baker: Baker) -> list[Panel]:
+    """A lamp, light from all around, and the material's own glow."""
+    high = baker.mesh.bounds[1]
+    lamp = clsss.PointLight((0.0, high[1] + 6.0, 6.0), 100.0)
+    middle = baker.mesh.bounds.mean(axis=0)
+
+    def embers(points: np.ndarray) -> np.ndarray:
+        near = np.exp(-((np.linalg.norm(points - middle, axis=1) / 3.5) ** 2))
+        return near[:, None] * np.array([0.5, 0.22, 0.06])
+
+    return baker.panels({
+        "a lamp": (clsss.material("skimmilk"), [lamp]),
+        "a sky": (clsss.material("skimmilk"), [clsss.EnvironmentLight(0.3)]),
+        "embers inside": (clsss.material("skimmilk"), [clsss.Emission(embers)]),
+    })  # fmt: skip
+
+
+def visibility(baker: Baker) -> list[Panel]:
+    """What stands in the light: the object itself, its own light between its parts, another body."""
+    marble, side = clsss.material("marble"), clsss.DirectionalLight((-1.0, -0.4, -0.1))
+    import trimesh
+
+    low, high = baker.mesh.bounds
+    board = trimesh.creation.box((0.5, 0.5 * (high - low)[1], 30.0))
+    board.apply_translation((high[0] + 3.0, low[1] + 0.75 * (high - low)[1], 0.0))
+    plain = baker.bake(marble, [side])
+    shaded = baker.bake(marble, [side], blockers=[clsss.load_mesh(board)])
+    return [("side light", plain.vertex_radiosity), ("a board before it", shaded.vertex_radiosity)]
+
+
+def single(baker: Baker) -> list[Panel]:
+    """Radiance towards this camera: what is scattered once depends on the view."""
+    waxy = clsss.Material((0.05, 0.1, 0.2), 1.2, g=0.3, eta=1.3)
+    result = baker.bake(waxy, [BACK, FRONT], scattering="split", phase="p1")
+    assert result.vertex_radiosity_single is not None
+    multiple = result.vertex_radiosity - result.vertex_radiosity_single
+    return [
+        ("scattered once", result.vertex_radiosity_single),
+        ("scattered again", multiple),
+        ("both, towards the camera", np.pi * result.radiance(baker.eye)),
+    ]
+
+
+ROWS: list[Callable[[Baker], object]] = [sizes, mixtures, anisotropy, mismatch, lights, visibility, single]
+
+
+def draw(baker: Baker, scene: Scene, panels: list[Panel]) -> Image.Image:
+    """Panels side by side at the exposure of the brightest but for lone highlights."""
+    scale = min(display_scale(baker.mesh, values, baker.camera.axes()[2]) for _, values in panels)
+    sheet = Image.new("RGB", (SIZE[0] * len(panels), SIZE[1] + BAND), (24, 24, 24))
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(17)
+    for column, (text, values) in enumerate(panels):
+        scene.set_radiosity(values, scale)
+        sheet.paste(Image.fromarray(scene.picture(SIZE, baker.camera)), (column * SIZE[0], BAND))
+        pen.text((column * SIZE[0] + 12, 8), text, (220, 220, 220), font)
+    return sheet
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mesh")
+    parser.add_argument("--only", choices=[row.__name__ for row in ROWS])
+    parser.add_argument("--resolution", type=int, default=112)
+    parser.add_argument("--quick", action="store_true", help="coarse, and only the row of sizes")
+    parser.add_argument("--out", type=Path, default=Path("docs/gallery"))
+    args = parser.parse_args()
+    baker = Baker(args.mesh, 32 if args.quick else args.resolution)
+    args.out.mkdir(parents=True, exist_ok=True)
+    scene = Scene(standalone_context())
+    scene.set_mesh(baker.mesh)
+    for row in ROWS:
+        if row.__name__ == (args.only or ("sizes" if args.quick else row.__name__)):
+            path = args.out / f"{row.__name__}.png"
+            draw(baker, scene, list(row(baker))).save(path)
+            print(f"{path}: {row.__doc__}")
+
+
+if __name__ == "__main__":
+    main()
