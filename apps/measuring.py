@@ -72,7 +72,8 @@ class Recorder(Device):
         self.busy = busy
         self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         self.launches: dict[str, Launch] = {}
-        self.costs = {d: declared_costs(self.real.itemsize, d) for d in ((), ("HETEROGENEOUS",))}
+        variants: tuple[tuple[str, ...], ...] = ((), ("HETEROGENEOUS",))
+        self.costs = {defines: declared_costs(self.real.itemsize, defines) for defines in variants}
         self._sources: dict[Any, tuple[str, tuple[str, ...]]] = {}
         self.recording = True
 
