@@ -91,6 +91,8 @@ class Octree:
         For each finest cell its place among `cut`, or -1 where it is full.
     block, brick : int32, device
         The two-level map of leaf codes.
+    uniform : (n_bricks, 2) uint8, device
+        Which of the eight parts of each brick are full, and which are empty (ray.h).
     """
 
     grid: Grid
@@ -99,6 +101,7 @@ class Octree:
     cut_index: Buffer
     block: Buffer
     brick: Buffer
+    uniform: Buffer
 
     @property
     def finest(self) -> Level:
@@ -261,6 +264,19 @@ def _leaf_map(grid: Grid, cells: list[np.ndarray], leaf: list[np.ndarray]) -> tu
     return block.ravel(), brick
 
 
+def _uniform_parts(brick: np.ndarray, cut_index: np.ndarray) -> np.ndarray:
+    """Bits of the 4x4x4 parts of each brick that are full and uncut, and of those that are empty (n, 2)."""
+    inside = brick >= 0
+    finest = inside & (brick & 15 == 0)
+    full = inside.copy()
+    full[finest] = cut_index[brick[finest] >> 4] < 0
+    bits = 1 << np.arange(8)
+    parts = [
+        mask.reshape(-1, 2, 4, 2, 4, 2, 4).all(axis=(2, 4, 6)).reshape(-1, 8) @ bits for mask in (full, ~inside)
+    ]
+    return np.stack(parts, axis=1).astype(np.uint8)
+
+
 def _index_map(shape: tuple[int, ...], ijk: np.ndarray) -> np.ndarray:
     """Dense map from position to index, padded by one cell of -1 on every side."""
     out = np.full([n + 2 for n in shape], -1, np.int32)
@@ -368,7 +384,8 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
         start = np.concatenate([first, [len(source)]]).astype(np.int32)
         levels[number] = _with_interface(device, levels[number], interface.astype(np.int32), start)
     cut, cut_index = _cut_cells(device, samples, cut_rows, cells[-1], grid, block, brick)
-    return Octree(grid, tuple(levels), cut, cut_index, block_buffer, brick_buffer)
+    uniform = device.array(_uniform_parts(brick, cut_index.get()))
+    return Octree(grid, tuple(levels), cut, cut_index, block_buffer, brick_buffer, uniform)
 
 
 def _with_interface(device: Device, level: Level, interface: np.ndarray, start: np.ndarray) -> Level:

@@ -55,7 +55,7 @@ def radiance_once(device: Device, octree: Octree, medium: Coefficients, lights: 
     arrays = [device.array(np.concatenate([v, spare], axis=1)) for v in (octree.grid.to_cells(points), normals, out)]
     radiance = device.zeros((n, 4))
     attenuation = extinction(device, octree, medium)
-    mean = attenuation[0].get().mean() if not medium.homogeneous else np.mean(attenuation[0].tolist()[:3])
+    mean = np.mean(attenuation[1].tolist()[:3]) if medium.homogeneous else attenuation[1].get().mean()
     kernel = device.kernel("single", "scattered_once", *medium.defines)
     cut = octree.cut
     for light in collimated(lights):

@@ -51,13 +51,13 @@ class Source:
 
 
 def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
-    """Extinction per finest cell width as the kernels take it: a vector, or all levels' cells and their starts."""
+    """Extinction per finest cell width as rays take it (ray.h): a vector, or all levels' cells and their starts."""
     if medium.homogeneous:
         total = [a + s for a, s in zip(medium.sigma_a[-1].tolist(), medium.sigma_s[-1].tolist(), strict=True)]
-        return (device.vector([octree.grid.h * t for t in total]),)
+        return octree.uniform, device.vector([octree.grid.h * t for t in total])
     parts = [a.get() + s.get() for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
-    return device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
+    return octree.uniform, device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
 
 
 def scattering(device: Device, octree: Octree, medium: Coefficients) -> Any:

@@ -1,15 +1,20 @@
 /* ray.h -- straight rays through the octree towards a light.
  *
- * Rays go leaf by leaf. Cut cells count up to the plane of their boundary; cavities and gaps hold no leaves and
+ * Rays go leaf by leaf, or across 4x4x4 cells at once where those are all empty, or all full of one medium: `uniform`
+ * has two bytes a brick, with a bit set for each of its eight parts that is full, or empty. Cut cells count up to the plane of their boundary; cavities and gaps hold no leaves and
  * attenuate nothing. Lengths in cells, the extinction is per cell width. Needs real.h, tree.h and beam.h.
  */
 #ifdef HETEROGENEOUS
-#define EXTINCTION __global const REAL4 *restrict extinction, __global const int *restrict depth_start
-#define EXTINCTION_ARGUMENTS extinction, depth_start
+#define EXTINCTION \
+    __global const uchar *restrict uniform, __global const REAL4 *restrict extinction, \
+        __global const int *restrict depth_start
+#define EXTINCTION_ARGUMENTS uniform, extinction, depth_start
+#define ONE_MEDIUM 0
 #define EXTINCTION_OF(code) extinction[depth_start[(code) & 15] + ((code) >> 4)]
 #else
-#define EXTINCTION const REAL4 extinction
-#define EXTINCTION_ARGUMENTS extinction
+#define EXTINCTION __global const uchar *restrict uniform, const REAL4 extinction
+#define EXTINCTION_ARGUMENTS uniform, extinction
+#define ONE_MEDIUM 1
 #define EXTINCTION_OF(code) extinction
 #endif
 
@@ -36,8 +41,21 @@ REAL4 optical_depth(const REAL4 p, const Beam beam, const int4 dims, __global co
     *solid = 0;
     while (t < beam.distance && c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < dims.x && c.y < dims.y && c.z < dims.z) {
         const int b = block[((c.z >> 3) * (dims.y >> 3) + (c.y >> 3)) * (dims.x >> 3) + (c.x >> 3)];
-        const int code = b >= 0 ? brick[b * 512 + ((c.z & 7) * 8 + (c.y & 7)) * 8 + (c.x & 7)] : b == -1 ? -1 : -2 - b;
-        const int depth = code >= 0 ? code & 15 : b == -1 ? 3 : 0;
+        int code = b == -1 ? -1 : -2 - b, depth = b == -1 ? 3 : code & 15;
+        if (b >= 0) {
+            const int part = 1 << (((c.z >> 2) & 1) * 4 + ((c.y >> 2) & 1) * 2 + ((c.x >> 2) & 1));
+            const int full = ONE_MEDIUM ? uniform[2 * b] : 0;
+            if (full & part) {
+                code = 0;
+                depth = full == 255 ? 3 : 2;
+            } else if (uniform[2 * b + 1] & part) {
+                code = -1;
+                depth = 2;
+            } else {
+                code = brick[b * 512 + ((c.z & 7) * 8 + (c.y & 7)) * 8 + (c.x & 7)];
+                depth = code < 0 ? 0 : code & 15;
+            }
+        }
         const int4 low = (c >> depth) << depth, high = low + (1 << depth);
         const REAL tx = (dir.x > 0 ? high.x - p.x : low.x - p.x) * inverse.x,
                    ty = (dir.y > 0 ? high.y - p.y : low.y - p.y) * inverse.y,
