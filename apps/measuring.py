@@ -173,7 +173,7 @@ def parameters(source: str, kernel: str, defines: tuple[str, ...]) -> dict[str, 
     """Names of a kernel's parameters in order, and whether each is memory that it may write to."""
     macros: dict[str, str] = {}
     active = [True]
-    for line in source.splitlines():
+    for line in source.replace("\\\n", " ").splitlines():
         if line.startswith("#if"):
             active.append(line.split()[1] in defines if line.startswith("#ifdef") else True)
         elif line.startswith("#else"):

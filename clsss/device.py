@@ -24,6 +24,11 @@ KERNEL_DIR = Path(__file__).parent / "kernels"
 if not KERNEL_DIR.is_dir():
     KERNEL_DIR = Path(__file__).parent.parent / "kernels"
 
+# Files that are built as one program: a driver takes longer to load a program than to hold some kernels more.
+TOGETHER = (
+    ("bin", "crossing", "distance", "cutcell", "octree", "prolong", "reduce", "coarsest", "surface"),
+    ("coefficients", "gradient", "smooth", "residual", "restrict", "source", "attenuate"),
+)
 ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
 
 NO_DEVICE = (
@@ -33,14 +38,18 @@ NO_DEVICE = (
 _TRIAL = "__kernel void trial(__global float *x) { size_t i = get_global_id(0); x[i] = 2 * x[i]; }"
 
 
-def kernel_source(name: str) -> str:
-    """Source of ``kernels/<name>`` with its ``#include "x.h"`` lines spliced in.
+def kernel_source(*names: str) -> str:
+    """Source of ``kernels/<name>`` of all `names`, with ``#include "x.h"`` lines spliced in once each.
 
     One self-contained text per program: driver caches cannot miss an edited header, and no ``-I`` path
     with spaces can break the build. ``#line`` keeps error messages pointing at the files.
     """
+    seen: set[Path] = set()
 
     def splice(path: Path) -> str:
+        if path in seen:
+            return ""
+        seen.add(path)
         out = [f'#line 1 "{path.name}"']
         for number, line in enumerate(path.read_text().splitlines(), 1):
             include = re.match(r'\s*#include\s+"([^"]+)"', line)
@@ -50,7 +59,7 @@ def kernel_source(name: str) -> str:
                 out.append(line)
         return "\n".join(out) + "\n"
 
-    return splice(KERNEL_DIR / name)
+    return "".join(splice(KERNEL_DIR / name) for name in names)
 
 
 @dataclass(frozen=True)
@@ -263,17 +272,19 @@ class Device:
 
         key = (file, name, defines)
         if key not in self._kernels:
-            if (file, defines) not in self._programs:
+            files = next((group for group in TOGETHER if file in group), (file,))
+            if (files[0], defines) not in self._programs:
                 options = ["-DREAL=double"]
                 if self.precision == "single":
                     options = ["-DREAL=float", "-cl-single-precision-constant"]
                 options += [f"-D{d}" for d in defines]
                 try:
-                    program = cl.Program(self.context, kernel_source(f"{file}.cl")).build(options)
+                    source = kernel_source(*(f"{name}.cl" for name in files))
+                    program = cl.Program(self.context, source).build(options)
                 except cl.Error as error:
                     raise DeviceError(f"kernels/{file}.cl does not build on {self.name}: {error}") from error
-                self._programs[file, defines] = program
-            self._kernels[key] = cl.Kernel(self._programs[file, defines], name)
+                self._programs[files[0], defines] = program
+            self._kernels[key] = cl.Kernel(self._programs[files[0], defines], name)
         return self._kernels[key]
 
     def run(self, kernel: Any, n: int, *arguments: Any, group: int | None = None) -> None:

@@ -18,14 +18,13 @@ __kernel void fit_at_points(const int n, const REAL radius, const int4 dims, __g
     const REAL4 p = points[v], n_v = point_normal[v];
     const REAL4 seed = fabs(n_v.x) < (REAL)0.6 ? (REAL4)(1, 0, 0, 0) : (REAL4)(0, 1, 0, 0);
     const REAL4 s_axis = normalize(cross(n_v, seed)), t_axis = cross(n_v, s_axis);
-    const int reach = (int)ceil(radius);
-    const int4 c = convert_int4(floor(p));
+    const int4 first = convert_int4(floor(p - radius)), end = convert_int4(floor(p + radius));
     REAL m00 = 0, m01 = 0, m02 = 0, m11 = 0, m12 = 0, m22 = 0;
     REAL4 r0 = (REAL4)(0), r1 = (REAL4)(0), r2 = (REAL4)(0);
     int count = 0;
-    for (int z = c.z - reach; z <= c.z + reach; z++)
-        for (int y = c.y - reach; y <= c.y + reach; y++)
-            for (int x = c.x - reach; x <= c.x + reach; x++) {
+    for (int z = first.z; z <= end.z; z++)
+        for (int y = first.y; y <= end.y; y++)
+            for (int x = first.x; x <= end.x; x++) {
                 const int code = leaf_code(dims, block, brick, x, y, z);
                 if (code < 0 || code & 15) continue;
                 const int k = cut_index[code >> 4];
