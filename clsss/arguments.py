@@ -81,10 +81,8 @@ def checked_points(points: Any) -> np.ndarray:
 
 def needed_bytes(mesh: Mesh, resolution: int) -> float:
     """Memory that a bake takes at its peak, estimated from volume and area."""
-    a, b, c = np.moveaxis(mesh.triangles - mesh.bounds.mean(axis=0), 1, 0)
-    normal = np.cross(b - a, c - a)
     h = mesh.size / resolution
-    volume, area = abs((a * normal).sum() / 6) / h**3, np.linalg.norm(normal, axis=1).sum() / 2 / h**2
+    area, volume = mesh.area_and_volume[0] / h**2, mesh.area_and_volume[1] / h**3
     box = np.prod(np.ptp(mesh.bounds, axis=0) / h + 8)
     return BYTES_PER_CELL * (min(volume, 12 * area) + 2 * area) + BYTES_PER_GRID_CELL * box
 

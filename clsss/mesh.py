@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -60,16 +61,24 @@ class Mesh:
     report: dict[str, Any] = field(default_factory=dict)
     name: str = "mesh"
 
-    @property
+    @cached_property
     def bounds(self) -> np.ndarray:
         """Lower and upper corner (2, 3) of the solid's bounding box [mm]."""
         corners = self.triangles.reshape(-1, 3)
         return np.array([corners.min(axis=0), corners.max(axis=0)])
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Longest side of the solid's bounding box [mm]."""
         return float(np.ptp(self.bounds, axis=0).max())
+
+    @cached_property
+    def area_and_volume(self) -> tuple[float, float]:
+        """Area [mm^2] of the surface that bounds the solid, and the volume [mm^3] in it."""
+        a, b, c = np.moveaxis(self.triangles - self.bounds.mean(axis=0), 1, 0)
+        normal = np.cross(b - a, c - a)
+        area = np.sqrt(np.einsum("ij,ij->i", normal, normal)).sum() / 2
+        return float(area), float(abs(np.einsum("ij,ij->", a, normal)) / 6)
 
 
 def load_mesh(source: str | os.PathLike[str] | trimesh.Trimesh, size: float | None = None) -> Mesh:

@@ -49,9 +49,8 @@ def warn(mesh: Mesh, medium: Medium) -> None:
 
 def thickness_of(mesh: Mesh) -> float:
     """Mean chord 4 V / S of the solid [mm]."""
-    a, b, c = np.moveaxis(mesh.triangles - mesh.bounds.mean(axis=0), 1, 0)
-    normal = np.cross(b - a, c - a)
-    return float(4 * abs((a * normal).sum() / 6) / (np.linalg.norm(normal, axis=1).sum() / 2))
+    area, volume = mesh.area_and_volume
+    return 4 * volume / area
 
 
 def _mean(mesh: Mesh, medium: Medium) -> tuple[np.ndarray, np.ndarray]:
