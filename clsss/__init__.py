@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from clsss.mesh import Mesh, load_mesh
     from clsss.paint import Inward
     from clsss.simulate import Result, simulate
-    from clsss.validity import DiffusionWarning
+    from clsss.validity import ConvergenceWarning, DiffusionWarning
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "ConvergenceWarning",
     "DeviceError",
     "DiffusionWarning",
     "DirectionalLight",
@@ -58,7 +59,7 @@ _HOME = {
     "mesh": ("Mesh", "load_mesh"),
     "simulate": ("Result", "simulate"),
     "device": ("devices",),
-    "validity": ("DiffusionWarning",),
+    "validity": ("ConvergenceWarning", "DiffusionWarning"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -21,6 +22,7 @@ from clsss.mesh import Mesh, RayCaster, contains
 from clsss.multigrid import Multigrid
 from clsss.single import radiance_once
 from clsss.surface import fluence_at
+from clsss.validity import ConvergenceWarning
 
 STAGES = ("device", "cut cells", "octree", "exchange", "source", "solve", "single", "surface")
 
@@ -56,6 +58,20 @@ class Result:
     def radiosity(self, points: Any) -> np.ndarray:
         """Radiosity (n, 3) [W/mm^2] at points (n, 3) on or near the surface [mm]."""
         return _at_surface(self._scene, self._solution, self._solution.exitance, checked_points(points), None)
+
+    def radiosity_single(self, points: Any) -> np.ndarray:
+        """The part of `radiosity` (n, 3) [W/mm^2] that was scattered exactly once.
+
+        Raises
+        ------
+        InputError
+            The bake was not made with ``scattering="split"``.
+        """
+        once = self._solution.once
+        if once is None:
+            raise InputError('scattering: bake with scattering="split" to tell single scattering apart')
+        single = _at_surface(self._scene, self._solution, once, checked_points(points), None)
+        return np.minimum(single, self.radiosity(points))
 
     def radiance(self, eye: Any) -> np.ndarray:
         """Radiance (v, 3) [W/mm^2/sr] that leaves the vertices towards a camera at `eye` (3,) [mm].
@@ -189,6 +205,11 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
     assert fluence is not None
     if single is not None:
         single = np.minimum(single, radiosity)
+    if not solution.convergence.converged:
+        worst = float(solution.convergence.residuals[-1].max())
+        advice = "use double precision" if scene.device.precision == "single" else "allow a larger tolerance"
+        text = f"the solve stopped after {solution.convergence.cycles} cycles at a residual of {worst:.1e}, short of "
+        warnings.warn(text + f"the tolerance {scene.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=3)
     report = _report(scene, solution, seconds)
     return Result(mesh, medium, lights, radiosity, fluence, report, single, scene, solution)
 

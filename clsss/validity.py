@@ -41,6 +41,10 @@ def doubts(mesh: Mesh, medium: Medium) -> str:
     return "diffusion is only approximate here: " + "; ".join(reasons) if reasons else ""
 
 
+class ConvergenceWarning(UserWarning):
+    """A solve stopped short of its tolerance."""
+
+
 def warn(mesh: Mesh, medium: Medium) -> None:
     """Issue a `DiffusionWarning` where there are `doubts`."""
     if text := doubts(mesh, medium):

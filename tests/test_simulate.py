@@ -411,3 +411,9 @@ def test_radiosity_as_by_path_tracing(shared, case, bar):
     medium = Material(float(truth["sigma_a"]), float(truth["sigma_s"]), g=float(truth["g"]), eta=float(truth["eta"]))
     result = simulate(mesh, medium, [DirectionalLight(truth["light_dir"])], resolution=64)
     assert relative_rms(result.radiosity(truth["points"])[:, 0], truth["radiosity_total"]) <= bar
+
+
+def test_a_solve_that_stops_short_says_so():
+    with pytest.warns(clsss.ConvergenceWarning, match="stopped after .* short of the tolerance 1e-09: use double"):
+        result = simulate(sphere(subdivisions=3), MARBLE, [SUN], resolution=16, tolerance=1e-9)
+    assert not result.report["solve"]["converged"]
