@@ -55,15 +55,16 @@ def reflux(a: Arguments) -> Arguments:
     return {"r": r}
 
 
-def _children(a: Arguments, values: np.ndarray) -> np.ndarray:
-    """Sum over the children of every coarse cell."""
+def _children(a: Arguments, values: np.ndarray, octants: Any = slice(None)) -> np.ndarray:
+    """Sum over the children of every coarse cell, or those in some octants."""
     padded = np.concatenate([values, np.zeros((1, values.shape[1]))])
-    return padded[np.where(a["child"] < 0, len(values), a["child"])].sum(axis=1)
+    child = a["child"][:, octants]
+    return padded[np.where(child < 0, len(values), child)].sum(axis=1)
 
 
 def restrict_residual(a: Arguments) -> Arguments:
     out, covered = a["b_coarse"].copy(), np.flatnonzero(a["is_leaf"] == 0)
-    out[covered] = _children(a, _outflow(a, a["x"]))[covered]
+    out[covered] = _children(a, _outflow(a, a["x"]), [0, 3, 5, 6])[covered]
     return {"b_coarse": out}
 
 

@@ -73,6 +73,8 @@ class Operator:
         Finest cells with a face whose flux has second-order terms.
     inverse : (n_cut, 6, 4) real, device
         Pseudo-inverses of the gradients' normal equations.
+    around : (n_cut, 27) int32, device
+        The finest cells around each cut cell, x fastest; -1: none.
     slope : (n_cut, 3, 4) real, device
         Gradients of the last field that a residual was taken of, per cell width.
     """
@@ -84,6 +86,7 @@ class Operator:
     weight: list[Buffer | None]
     irregular: Buffer
     inverse: Buffer
+    around: Buffer
     slope: Buffer
 
 
@@ -166,13 +169,13 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     for level, t in zip(octree.levels[1:], T[1:], strict=True):
         weight.append(device.empty((level.n, 4)))
         device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
-    inverse = device.empty((cut.n, 6, CHANNELS))
+    inverse, around = device.empty((cut.n, 6, CHANNELS)), device.empty((cut.n, 27), np.int32)
     kernel = device.kernel("gradient", "gradient_inverse", *defines)
     device.run(kernel, cut.n, cut.n, finest.h, A, octree.grid.dims, medium.D[-1], octree.block, octree.brick,
                finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
-               inverse)  # fmt: skip
+               inverse, around)  # fmt: skip
     slope = device.empty((cut.n, 3, CHANNELS))
-    return Operator(octree, medium, T, absorb, weight, _irregular(device, octree), inverse, slope)
+    return Operator(octree, medium, T, absorb, weight, _irregular(device, octree), inverse, around, slope)
 
 
 def _irregular(device: Device, octree: Octree) -> Buffer:
@@ -223,9 +226,9 @@ class Residual:
             run(self._carry, m, m, coarse.n, fine.n, coarse.interface, coarse.interface_start, coarse.nbr,
                 fine.ghost_face, fine.position, phi[k], phi[k + 1])  # fmt: skip
         octree, cut, finest = op.octree, op.octree.cut, levels[-1]
-        run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, octree.grid.dims, op.medium.D[-1],
-            octree.block, octree.brick, finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary,
-            cut.normal, op.inverse, self.wall, phi[-1], op.slope)  # fmt: skip
+        run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.around, cut.cell,
+            octree.cut_index, cut.centroid, cut.boundary, cut.normal, op.inverse, self.wall, phi[-1],
+            op.slope)  # fmt: skip
 
     def __call__(self, phi: Field, b: Field, r: Field, completed: bool = False) -> None:
         """Overwrite `r` with b - A_h phi on the leaves, zero on covered cells.

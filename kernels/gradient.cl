@@ -81,7 +81,7 @@ __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, 
                                __global const int *restrict position, __global const int *restrict cut_cell,
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                                __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                               __global REAL *restrict inverse) {
+                               __global REAL *restrict inverse, __global int *restrict around) {
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
@@ -92,7 +92,9 @@ __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, 
         for (int dy = -1; dy <= 1; dy++)
             for (int dx = -1; dx <= 1; dx++) {
                 const int code = leaf_code(dims, block, brick, p.x + dx, p.y + dy, p.z + dz);
-                if (code < 0 || code & 15 || (dx == 0 && dy == 0 && dz == 0)) continue;
+                const int known = code >= 0 && !(code & 15) && !(dx == 0 && dy == 0 && dz == 0);
+                around[27 * c + 9 * dz + 3 * dy + dx + 13] = known ? code >> 4 : -1;
+                if (!known) continue;
                 const REAL4 other = cell_centroid(cut_index[code >> 4], centroid);
                 const REAL4 d = (other + (REAL4)(dx, dy, dz, 0) - own) * (REAL4)(1, 1, 1, 0);
                 const REAL w = row_weight2(d, other.w);
@@ -126,27 +128,25 @@ __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, 
 }
 
 // cost gradient: 300R+220 B, 700 flop
-__kernel void gradient(const int n, const REAL h, const REAL fresnel_A, const int4 dims, MEDIUM D,
-                       __global const int *restrict block, __global const int *restrict brick,
-                       __global const int *restrict position, __global const int *restrict cut_cell,
-                       __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
-                       __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                       __global const REAL4 *restrict inverse, __global const REAL4 *restrict wall,
-                       __global const REAL4 *restrict x, __global REAL4 *restrict slope) {
+__kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, __global const int *restrict around,
+                       __global const int *restrict cut_cell, __global const int *restrict cut_index,
+                       __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
+                       __global const REAL4 *restrict normal, __global const REAL4 *restrict inverse,
+                       __global const REAL4 *restrict wall, __global const REAL4 *restrict x,
+                       __global REAL4 *restrict slope) {
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
-    const int4 p = vload4(i, position);
     const REAL4 own = centroid[c] * (REAL4)(1, 1, 1, 0), value = x[i];
     REAL4 sx = (REAL4)(0), sy = (REAL4)(0), sz = (REAL4)(0);
     for (int dz = -1; dz <= 1; dz++)
         for (int dy = -1; dy <= 1; dy++)
             for (int dx = -1; dx <= 1; dx++) {
-                const int code = leaf_code(dims, block, brick, p.x + dx, p.y + dy, p.z + dz);
-                if (code < 0 || code & 15 || (dx == 0 && dy == 0 && dz == 0)) continue;
-                const REAL4 other = cell_centroid(cut_index[code >> 4], centroid);
+                const int j = around[27 * c + 9 * dz + 3 * dy + dx + 13];
+                if (j < 0) continue;
+                const REAL4 other = cell_centroid(cut_index[j], centroid);
                 const REAL4 d = (other + (REAL4)(dx, dy, dz, 0) - own) * (REAL4)(1, 1, 1, 0);
-                const REAL4 rise = row_weight2(d, other.w) * (x[code >> 4] - value);
+                const REAL4 rise = row_weight2(d, other.w) * (x[j] - value);
                 sx += d.x * rise;
                 sy += d.y * rise;
                 sz += d.z * rise;
