@@ -40,6 +40,7 @@ class Scene:
     blockers: RayCaster | None
     split: bool  # whether light scattered once is traced on its own
     tolerance: float
+    bytes_before: int  # that other results held on the device
 
 
 @dataclass(frozen=True, eq=False)

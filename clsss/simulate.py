@@ -168,7 +168,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     seconds = {"load": float(mesh.report.get("seconds", 0.0)), **dict.fromkeys(STAGES, 0.0)}
     with timed("device", seconds, tell):
         dev = open_device(device, precision)
-        dev.peak = dev.allocated
+        before = dev.peak = dev.allocated
     grid = cutcell.make_grid(mesh.bounds, int(resolution))
     with timed("cut cells", seconds, tell):
         samples = cutcell.sample_surface(dev, grid, mesh)
@@ -186,7 +186,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     with timed("exchange", seconds, tell):
         shadows = RayCaster(np.concatenate([body.triangles for body in blockers])) if blockers else None
         coupling = trace_exchange(mesh, tree, medium.eta, shadows, lambda f: tell("exchange", f))
-    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, scattering == "split", tolerance)
+    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, scattering == "split", tolerance, before)
     return _bake(scene, medium, lights, None, seconds, start, tell)
 
 
@@ -221,8 +221,6 @@ def _at_surface(scene: Scene, solution: Solution, values: Buffer, points: np.nda
 
 
 def _report(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
-    import resource
-
     tree, medium, convergence = scene.octree, scene.medium, solution.convergence
     absorbed = np.zeros(3)
     for level, x, volume, sigma_a in zip(tree.levels, solution.phi, tree.volumes(), medium.sigma_a, strict=True):
@@ -261,10 +259,21 @@ def _report(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict
         },
         "seconds": {key.replace(" ", ""): round(value, 4) for key, value in seconds.items()},
         "memory_mb": {
-            "device": scene.device.peak / 2**20,
-            "peak_rss": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10,
+            "device": (scene.device.peak - scene.bytes_before) / 2**20,
+            "peak_rss": _peak_rss_mb(),
         },
     }
+
+
+def _peak_rss_mb() -> float:
+    """Most memory that this process has held [MB]; `getrusage` may count its parent's."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as status:
+            return next(float(line.split()[1]) / 2**10 for line in status if line.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
 
 
 def _criteria(medium: Any) -> octree.Refine:
