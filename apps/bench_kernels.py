@@ -33,6 +33,7 @@ from clsss.device import Buffer
 from clsss.diffusion import Field
 from clsss.materials import fresnel_A
 from clsss.multigrid import Multigrid
+from clsss.refinement import varies
 from clsss.surface import fluence_at
 
 RADIUS = 10.0  # mm
@@ -79,7 +80,7 @@ def pipeline(device: Recorder, cells: int, medium: Any, adaptive: bool) -> tuple
     """Everything that a bake runs on the device; the multigrid and a right-hand side."""
     mesh = problems.round_ball(RADIUS, 6)
     grid = cutcell.make_grid(mesh.bounds, cells)
-    refine = octree.varies(partial(sigma_tr_of, medium), medium.homogeneous) if adaptive else None
+    refine = varies(partial(sigma_tr_of, medium), medium.homogeneous) if adaptive else None
     tree = octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
     sampled = diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
     mg = Multigrid(device, diffusion.make_operator(device, tree, sampled))

@@ -15,6 +15,7 @@ from clsss.device import Device
 from clsss.diffusion import Field, Residual
 from clsss.materials import fresnel_A
 from clsss.multigrid import Convergence, Multigrid
+from clsss.refinement import varies
 from clsss.source import Source
 from clsss.surface import boundary_points, fluence_at
 
@@ -39,7 +40,7 @@ class Bench:
         """The discrete equation in a solid."""
         device = device or self.device
         grid = cutcell.make_grid(mesh.bounds, resolution)
-        refine = octree.varies(partial(sigma_tr_of, medium), medium.homogeneous) if adaptive else None
+        refine = varies(partial(sigma_tr_of, medium), medium.homogeneous) if adaptive else None
         tree = octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
         sampled = diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
         return Multigrid(device, diffusion.make_operator(device, tree, sampled))

@@ -11,22 +11,13 @@ Haber et al. 2005, section 3.2.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from clsss.cutcell import CutCells, Grid, Samples, cut_moments
 from clsss.device import Buffer, Device
-
-SURFACE_LAYERS = 2  # finest-level blocks kept around a cut cell, in widths of the next level
-BAND = 6  # width of every band of one level, in cells of the next coarser: glowing bodies need them inside
-
-SOURCE_VARIATION = 0.3  # greatest change of the incident light over a leaf, relative to its value at the surface
-SIGMA_VARIATION = 0.1  # greatest (max - min) / (max + min) of sigma_tr over a leaf
-
-Refine = Callable[[np.ndarray, float, np.ndarray], np.ndarray]
+from clsss.refinement import Refine, pool, split_masks, spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,90 +127,6 @@ class Octree:
     def n_leaves(self) -> int:
         """Cells that no finer ones replace."""
         return sum(int(level.leaf.sum()) for level in self.levels)
-
-
-def _pool_max(values: np.ndarray) -> np.ndarray:
-    """Greatest value of the eight children of each cell of the next coarser grid."""
-    values = np.pad(values, [(0, n % 2) for n in values.shape], mode="edge")
-    for axis in range(3):
-        pairs = np.moveaxis(values, axis, 0)
-        values = np.moveaxis(np.maximum(pairs[::2], pairs[1::2]), 0, axis)
-    return values
-
-
-def _pool(mask: np.ndarray) -> np.ndarray:
-    """Whether any of the eight children of each cell of the next coarser grid is set."""
-    return _pool_max(mask)
-
-
-def _spread(mask: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Each cell's value on its eight children."""
-    for axis in range(3):
-        mask = np.repeat(mask, 2, axis=axis)
-    return mask[: shape[0], : shape[1], : shape[2]]
-
-
-def _dilate(mask: np.ndarray, layers: int) -> np.ndarray:
-    """Cells within `layers` of a set one, diagonals included."""
-    for axis in range(3):
-        mask = ndimage.maximum_filter1d(mask.view(np.uint8), 2 * layers + 1, axis=axis, mode="constant") > 0
-    return mask
-
-
-def _split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Refine) -> list[np.ndarray]:
-    """Which cells of each level are replaced by finer ones, 2:1 balanced with diagonals."""
-    split: list[np.ndarray] = []
-    near = _dilate(_pool(cut), SURFACE_LAYERS)
-    layers = ndimage.distance_transform_cdt(~_pool(cut), "chessboard")
-    for level in range(len(has) - 2, -1, -1):
-        h = grid.h * 2 ** (len(has) - 1 - level)
-        open_cells = np.argwhere(has[level] & ~near)
-        centres = grid.origin + (open_cells[:, ::-1] + 0.5) * h
-        depth = 2 * grid.h * np.maximum(0, layers[tuple(open_cells.T)] - 1.0)
-        again = open_cells[refine(centres, h, depth)]
-        near[tuple(again.T)] = True
-        split.insert(0, has[level] & near)
-        near = _dilate(_pool(split[0]), BAND)
-        layers = -_pool_max(-layers)
-    return split
-
-
-def varies(sigma_tr: Callable[[np.ndarray], np.ndarray], homogeneous: bool) -> Refine:
-    """The two criteria of the paper: a leaf is too wide where the source or sigma_tr changes much over it.
-
-    Incident light from outside falls by sigma_tr h exp(-sigma_tr depth) over a leaf, relative to its value at the
-    surface, whatever the lights: the octree outlives them.
-
-    Parameters
-    ----------
-    sigma_tr : callable
-        Transport coefficient (n, 3) [1/mm] at points (n, 3) [mm].
-    homogeneous : bool
-        Whether it is the same everywhere.
-
-    Returns
-    -------
-    callable
-        ``refine(centres (n, 3) [mm], h [mm], depth (n,) [mm]) -> (n,) bool``
-
-    References
-    ----------
-    Haber et al. 2005, section 3.2.
-    """
-    corners = np.stack(np.meshgrid(*[(-0.25, 0.25)] * 3), axis=-1).reshape(-1, 3)
-
-    def refine(centres: np.ndarray, h: float, depth: np.ndarray) -> np.ndarray:
-        if not len(centres):
-            return np.zeros(0, bool)
-        at = sigma_tr(centres[:1] if homogeneous else centres)
-        split = (at * h * np.exp(-at * depth[:, None]) > SOURCE_VARIATION).any(axis=1)
-        if not homogeneous:
-            samples = np.stack([sigma_tr(centres + h * corner) for corner in corners])
-            low, high = samples.min(axis=0), samples.max(axis=0)
-            split |= (high - low > SIGMA_VARIATION * (high + low)).any(axis=1)
-        return split
-
-    return refine
 
 
 def _ordered(mask: np.ndarray) -> tuple[np.ndarray, tuple[int, int, int]]:
@@ -344,9 +251,9 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     is_cut[tuple(touched[cut_rows, ::-1].T)] = True
     has = [solid]
     while max(has[0].shape) > 4:
-        has.insert(0, _pool(has[0]))
-    split = _split_masks(grid, has, is_cut, refine) if refine else [mask.copy() for mask in has[:-1]]
-    exists = [has[0]] + [h & _spread(s, h.shape) for h, s in zip(has[1:], split, strict=True)]
+        has.insert(0, pool(has[0]))
+    split = split_masks(grid, has, is_cut, refine) if refine else [mask.copy() for mask in has[:-1]]
+    exists = [has[0]] + [h & spread(s, h.shape) for h, s in zip(has[1:], split, strict=True)]
     cells, colour_start = zip(*[_ordered(mask) for mask in exists], strict=True)
     leaf = [~s[c[:, 2], c[:, 1], c[:, 0]] for s, c in zip(split, cells[:-1], strict=True)]
     leaf.append(np.ones(len(cells[-1]), bool))

@@ -20,6 +20,7 @@ from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
 from clsss.materials import fresnel_A
 from clsss.mesh import Mesh, RayCaster, contains
 from clsss.multigrid import Multigrid
+from clsss.refinement import Refine, varies
 from clsss.single import radiance_once
 from clsss.surface import fluence_at
 from clsss.validity import ConvergenceWarning
@@ -276,12 +277,12 @@ def _peak_rss_mb() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
 
 
-def _criteria(medium: Any) -> octree.Refine:
+def _criteria(medium: Any) -> Refine:
     def sigma_tr(points: np.ndarray) -> np.ndarray:
         sigma_a, sigma_s = medium.coefficients(points)
         return sigma_a + (1 - medium.g) * sigma_s
 
-    return octree.varies(sigma_tr, medium.homogeneous)
+    return varies(sigma_tr, medium.homogeneous)
 
 
 def _reporter(progress: bool | Progress | None) -> Progress:

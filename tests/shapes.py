@@ -14,6 +14,7 @@ from clsss.diffusion import Field
 from clsss.materials import fresnel_A
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
+from clsss.refinement import Refine
 
 
 def solid(triangles: np.ndarray, closed: bool = True) -> Mesh:
@@ -65,7 +66,7 @@ def merge_all(centres: np.ndarray, h: float, depth: np.ndarray) -> np.ndarray:
     return np.zeros(len(centres), bool)
 
 
-def build_tree(device: Device, mesh: Mesh, resolution: int, refine: octree.Refine | None = merge_all) -> octree.Octree:
+def build_tree(device: Device, mesh: Mesh, resolution: int, refine: Refine | None = merge_all) -> octree.Octree:
     """The octree of a solid at a resolution; `refine` None leaves all cells on the finest level."""
     grid = cutcell.make_grid(mesh.bounds, resolution)
     return octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
