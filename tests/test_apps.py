@@ -1,4 +1,7 @@
-"""apps/convergence.py: what it measures meets its bars, but for the misses that docs/numerics.md lists."""
+"""apps/convergence.py: what it measures meets its bars, but for the misses that docs/numerics.md lists.
+
+apps/figure5_dipole.py: clsss is closer to Monte Carlo than the dipole.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +43,20 @@ def test_thin_plates_are_as_accurate_as_declared():
     code, rows = convergence("--only", "plates")
     assert code == 0
     assert rows["plate 2h, sigma_tr h 1: surface L2"][0] == pytest.approx(0.0167, rel=0.1)
+
+
+def test_a_hollow_ball_is_closer_to_monte_carlo_than_the_dipole(tmp_path):
+    from clsss.opengl import standalone_context
+
+    try:
+        standalone_context().release()
+    except DeviceError as error:
+        pytest.skip(str(error))
+    command = [sys.executable, str(ROOT / "apps" / "figure5_dipole.py"), "--quick", "--only", "cavity"]
+    done = subprocess.run([*command, "--out", str(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["compare-cavity.png"]
+    assert done.stdout.count("| cavity |") == 3
 
 
 @pytest.mark.slow
