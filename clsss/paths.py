@@ -34,15 +34,18 @@ def anchors(mesh: Mesh, points: np.ndarray, normals: np.ndarray | None) -> tuple
     caster, near = RayCaster(mesh.triangles), NEAR * mesh.size
     outward = np.cross(*np.diff(mesh.triangles, axis=1).transpose(1, 0, 2))
     best, triangle, place = np.full(len(points), np.inf), np.full(len(points), -1), points.copy()
-    for axis in np.concatenate([np.eye(3), -np.eye(3)]):
-        t, index = caster.hit(points - near * axis, axis)
+    # rays aim a little inside, or they would pass by the points that lie on convex edges
+    aim = points if normals is None else points - 0.05 * near * normals
+    diagonals = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3) / np.sqrt(3)
+    for axis in np.concatenate([np.eye(3), -np.eye(3), diagonals]):
+        t, index = caster.hit(aim - near * axis, axis)
         off = np.abs(t - near)
         hit = (index >= 0) & (off < near)
         if normals is not None:
             off = off + near * (np.einsum("ij,ij->i", outward[index], normals) < 0)
         better = hit & (off < best)
         best[better], triangle[better] = off[better], index[better]
-        place[better] = points[better] + (t[better, None] - near) * axis
+        place[better] = aim[better] + (t[better, None] - near) * axis
     a, b, c = np.moveaxis(mesh.triangles[triangle], 1, 0)
     normal = outward[triangle]
     squared = np.maximum(np.einsum("ij,ij->i", normal, normal), np.finfo(float).tiny)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from clsss import paths
 from clsss.bvh import build
 from clsss.dipole import SPACING, dipole, groenhuis_A, profile
 from clsss.errors import InputError
@@ -457,3 +458,12 @@ def test_agrees_with_mcx_slabs(name, eta):
         mean, error = np.mean(e.radiosity), np.sqrt(np.sum(e.stderr[:, 0] ** 2)) / len(e.stderr)
         entered = fresnel_transmittance(1.0, eta)
         assert mean / entered == pytest.approx(truth, abs=3 * np.hypot(error / entered, sem) + 1e-4)
+
+
+def test_points_on_the_edges_of_a_box_are_found():
+    """Rays along the axes pass by vertices on axis-aligned convex edges."""
+    cube = trimesh.creation.box((4.0, 4.0, 4.0)).subdivide().subdivide()
+    mesh = load_mesh(cube)
+    place, triangle = paths.anchors(mesh, mesh.vertices, mesh.normals)
+    assert (triangle >= 0).all()
+    np.testing.assert_allclose(place, mesh.vertices, atol=2e-3 * mesh.size)
