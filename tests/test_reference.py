@@ -461,9 +461,9 @@ def test_agrees_with_mcx_slabs(name, eta):
 
 
 def test_points_on_the_edges_of_a_box_are_found():
-    """Rays along the axes pass by vertices on axis-aligned convex edges."""
+    """Rays along the axes pass by vertices on axis-aligned convex edges. Places keep off triangles' edges by 2 %."""
     cube = trimesh.creation.box((4.0, 4.0, 4.0)).subdivide().subdivide()
     mesh = load_mesh(cube)
     place, triangle = paths.anchors(mesh, mesh.vertices, mesh.normals)
     assert (triangle >= 0).all()
-    np.testing.assert_allclose(place, mesh.vertices, atol=2e-3 * mesh.size)
+    np.testing.assert_allclose(place, mesh.vertices, atol=0.03 * np.sqrt(2))
