@@ -25,7 +25,7 @@ from clsss.materials import fresnel_A, fresnel_moments, fresnel_transmittance
 from clsss.mesh import Mesh
 from clsss.octree import Octree
 from clsss.rays import RayCaster
-from clsss.surface import boundary_points
+from clsss.surface import boundary_points, tangent_frame
 
 PROBES = 8  # rays that tell whether a patch sees the object at all
 RAYS = 32  # rays of those that do
@@ -115,10 +115,7 @@ class _Tracer:
         self.points, self.normals = boundary_points(octree)
         flat = np.linalg.norm(self.normals, axis=1) < 0.5  # two sheets that cancel have no normal
         self.normals[flat] = [0, 0, 1]
-        seed = np.where(np.abs(self.normals[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
-        self.tangents = np.cross(self.normals, seed)
-        self.tangents /= np.linalg.norm(self.tangents, axis=1, keepdims=True)
-        self.bitangents = np.cross(self.normals, self.tangents)
+        self.tangents, self.bitangents = tangent_frame(self.normals)
         self.h = octree.grid.h
         self.cut_index = octree.cut_index.get()
         corner = np.moveaxis(mesh.triangles, 1, 0)

@@ -11,7 +11,7 @@ Haber et al. 2005, section 3.2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -289,16 +289,12 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     for number, source in enumerate(sources[1:]):
         interface, first = np.unique(source, return_index=True)
         start = np.concatenate([first, [len(source)]]).astype(np.int32)
-        levels[number] = _with_interface(device, levels[number], interface.astype(np.int32), start)
+        levels[number] = replace(
+            levels[number], interface=device.array(interface.astype(np.int32)), interface_start=device.array(start)
+        )
     cut, cut_index = _cut_cells(device, samples, cut_rows, cells[-1], grid, block, brick)
     uniform = device.array(_uniform_parts(brick, cut_index.get()))
     return Octree(grid, tuple(levels), cut, cut_index, block_buffer, brick_buffer, uniform)
-
-
-def _with_interface(device: Device, level: Level, interface: np.ndarray, start: np.ndarray) -> Level:
-    from dataclasses import replace
-
-    return replace(level, interface=device.array(interface), interface_start=device.array(start))
 
 
 def _cut_cells(device: Device, samples: Samples, rows: np.ndarray, ijk: np.ndarray, grid: Grid, block: np.ndarray,

@@ -23,6 +23,7 @@ from clsss.diffusion import Coefficients
 from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 from clsss.octree import Octree
 from clsss.source import extinction, light_arguments, scattering
+from clsss.surface import tangent_frame
 
 DEPTHS = 12  # points along each ray where the light may have scattered
 DIRECTIONS = 32  # rays per point for its exitance
@@ -54,7 +55,7 @@ def radiance_once(device: Device, octree: Octree, medium: Coefficients, lights: 
     spare = np.zeros((n, 1))
     arrays = [device.array(np.concatenate([v, spare], axis=1)) for v in (octree.grid.to_cells(points), normals, out)]
     radiance = device.zeros((n, 4))
-    attenuation = extinction(device, octree, medium)
+    attenuation, scatters = extinction(device, octree, medium), scattering(device, octree, medium)
     mean = np.mean(attenuation[1].tolist()[:3]) if medium.homogeneous else attenuation[1].get().mean()
     kernel = device.kernel("single", "scattered_once", *medium.defines)
     cut = octree.cut
@@ -62,7 +63,7 @@ def radiance_once(device: Device, octree: Octree, medium: Coefficients, lights: 
         where, strength = light_arguments(device, octree, light, unit)
         device.run(kernel, n, n, depths, h, float(medium.eta), float(medium.g), float(mean), where, strength,
                    octree.grid.dims, octree.block, octree.brick, octree.cut_index, cut.boundary, cut.normal,
-                   cut.centroid, *attenuation, scattering(device, octree, medium), *arrays, radiance)  # fmt: skip
+                   cut.centroid, *attenuation, scatters, *arrays, radiance)  # fmt: skip
     return radiance.get()[:, :3].astype(float)
 
 
@@ -70,10 +71,7 @@ def exitance_once(device: Device, octree: Octree, medium: Coefficients, lights: 
                   points: np.ndarray, normals: np.ndarray,
                   progress: Callable[[float], None] | None = None) -> np.ndarray:  # fmt: skip
     """Exitance (n, 3) of light scattered once, in multiples of `unit`; see `radiance_once`."""
-    seed = np.where(np.abs(normals[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
-    s = np.cross(normals, seed)
-    s /= np.maximum(np.linalg.norm(s, axis=1, keepdims=True), 1e-300)
-    t = np.cross(normals, s)
+    s, t = tangent_frame(normals)
     total = np.zeros((len(points), 3))
     for k in range(DIRECTIONS):
         u = (k + 0.5) / DIRECTIONS

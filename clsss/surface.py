@@ -26,6 +26,14 @@ def boundary_points(octree: Octree) -> tuple[np.ndarray, np.ndarray]:
     return points, normal / np.where(size > 0, size, 1)
 
 
+def tangent_frame(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors (n, 3) that make a right-handed frame with unit normals (n, 3)."""
+    seed = np.where(np.abs(normals[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
+    s = np.cross(normals, seed)
+    s /= np.maximum(np.linalg.norm(s, axis=1, keepdims=True), 1e-300)
+    return s, np.cross(normals, s)
+
+
 def fluence_at(device: Device, octree: Octree, phi_B: Buffer, points: np.ndarray,
                normals: np.ndarray | None = None) -> np.ndarray:  # fmt: skip
     """Boundary fluence at points on or near the surface.
