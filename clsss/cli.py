@@ -16,7 +16,7 @@ from clsss import __version__, scenefile
 from clsss.errors import InputError
 from clsss.grammar import count
 from clsss.options import LIGHT_HELP, Parser, add_camera, add_mesh, add_output, add_shared
-from clsss.running import bake_with_bar, interruptible, leave, load, progress_bar, run
+from clsss.running import bake_with_bar, interruptible, load, progress_bar, run_and_leave
 
 if TYPE_CHECKING:
     from clsss.compare import Comparison
@@ -25,17 +25,12 @@ if TYPE_CHECKING:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command line and exit."""
-    code = 0
 
     def command() -> None:
         args = scenefile.parse(_parser(), argv)
         args.command(args)
 
-    try:
-        code = run(command)
-    except SystemExit as stop:  # argparse: help or wrong usage
-        code = stop.code if isinstance(stop.code, int) else 2
-    leave(code)
+    run_and_leave(command)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -69,6 +69,15 @@ def run(command: Callable[[], None]) -> int:
         )
 
 
+def run_and_leave(command: Callable[[], None]) -> None:
+    """Run a command and end the process with its exit code."""
+    try:
+        code = run(command)
+    except SystemExit as stop:  # argparse: help or wrong usage
+        code = stop.code if isinstance(stop.code, int) else 2
+    leave(code)
+
+
 def leave(code: int) -> None:
     """End the process now: threads that still compute inside a driver must not hold it back."""
     for stream in (sys.stdout, sys.stderr):

@@ -10,7 +10,7 @@ import sys
 
 from clsss import scenefile
 from clsss.options import LIGHT_HELP, WINDOW_HELP, Parser, add_camera, add_shared, add_window_size
-from clsss.running import bake_with_bar, leave, run
+from clsss.running import bake_with_bar, run_and_leave
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -33,11 +33,7 @@ def main(argv: list[str] | None = None) -> None:
             if not args.quiet:
                 print(f"saved {args.save_scene}", file=sys.stderr)
 
-    try:
-        code = run(command)
-    except SystemExit as stop:  # argparse: help or wrong usage
-        code = stop.code if isinstance(stop.code, int) else 2
-    leave(code)
+    run_and_leave(command)
 
 
 def _parser() -> argparse.ArgumentParser:
