@@ -135,11 +135,12 @@ def measure_cycle(device: Recorder, triad: Triad, mg: Multigrid, b: Field, round
     """Seconds of one residual with its V(2,2), launches included, and the same in u."""
     phi = Field(device, mg.op.octree)
 
-    def cycle() -> None:
+    def work() -> None:
         mg.residual(phi, b, mg.r)
         mg.v_cycle(len(mg.e) - 1)
         mg.combine(1, mg.e, 1, phi)
 
+    cycle = device.capture(work)
     timer = device.seconds_with_launches
     return paired(partial(triad.unit, timer), partial(timer, cycle), rounds)
 

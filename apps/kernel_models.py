@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from clsss.anderson import TILE
+
 Arguments = dict[str, Any]
 
 
@@ -99,11 +101,9 @@ def combine(a: Arguments) -> Arguments:
 
 
 def inner_product(a: Arguments) -> Arguments:
-    n, stride = a["n"], a["stride"]
-    partial, terms = a["partial"].copy(), a["x"][:n] * a["y"][:n]
-    padded = np.concatenate([terms, np.zeros((-n % stride, 4))])
-    partial[:stride] = padded.reshape(-1, stride, 4).sum(axis=0)
-    return {"partial": partial}
+    n, partial, terms = a["n"], a["partial"], a["x"] * a["y"]
+    padded = np.concatenate([terms, np.zeros((-n % TILE, 4))])
+    return {"partial": padded.reshape(len(partial), TILE, 4).sum(axis=1)}
 
 
 def solve_coarsest(a: Arguments) -> Arguments:

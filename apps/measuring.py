@@ -92,6 +92,10 @@ class Recorder(Device):
                 self.launches[name] = Launch(self, kernel, *self._sources[kernel], n, arguments, group)
         super().run(kernel, n, *arguments, group=group)
 
+    def capture(self, work: Callable[[], Any]) -> Callable[[], Any]:
+        """As `Device.capture`; while it records, what is launched each time anew."""
+        return work if self.recording else super().capture(work)
+
     def seconds(self, work: Callable[[], Any], before: Callable[[], Any] = lambda: None) -> float:
         """Time on the device of all that `work` enqueues, `before` done and the queue filled before it starts."""
         import pyopencl as cl

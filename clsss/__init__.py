@@ -15,7 +15,7 @@ from clsss.errors import DeviceError, InputError
 
 if TYPE_CHECKING:
     import clsss.reference as reference
-    from clsss.device import devices
+    from clsss.discovery import devices
     from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
     from clsss.materials import Material, material, materials
     from clsss.media import Grid, Mix, Perlin, Voxels
@@ -58,7 +58,7 @@ _HOME = {
     "paint": ("Inward",),
     "mesh": ("Mesh", "load_mesh"),
     "simulate": ("Result", "simulate"),
-    "device": ("devices",),
+    "discovery": ("devices",),
     "validity": ("ConvergenceWarning", "DiffusionWarning"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

@@ -1,4 +1,4 @@
-"""The OpenCL device: find one that works, build and launch kernels, hold arrays.
+"""The OpenCL device: build and launch kernels, hold arrays.
 
 No physics here. Everything else sees a `Device`; nothing else knows a ``cl.Context``.
 """
@@ -9,12 +9,13 @@ import functools
 import os
 import re
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clsss.discovery import NO_DEVICE, find_devices
 from clsss.errors import DeviceError, InputError
 
 if TYPE_CHECKING:
@@ -26,16 +27,10 @@ if not KERNEL_DIR.is_dir():
 
 # Files that are built as one program: a driver takes longer to load a program than to hold some kernels more.
 TOGETHER = (
-    ("bin", "crossing", "distance", "cutcell", "octree", "prolong", "reduce", "coarsest", "surface"),
+    ("bin", "crossing", "distance", "cutcell", "octree", "prolong", "reduce", "anderson", "coarsest", "surface"),
     ("coefficients", "gradient", "smooth", "residual", "restrict", "source", "attenuate"),
 )
 ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
-
-NO_DEVICE = (
-    "no OpenCL device works; on Debian or Ubuntu install PoCL, which runs OpenCL on the CPU: "
-    "sudo apt install pocl-opencl-icd (`clsss doctor` shows what was found)"
-)
-_TRIAL = "__kernel void trial(__global float *x) { size_t i = get_global_id(0); x[i] = 2 * x[i]; }"
 
 
 def kernel_source(*names: str) -> str:
@@ -60,72 +55,6 @@ def kernel_source(*names: str) -> str:
         return "\n".join(out) + "\n"
 
     return "".join(splice(KERNEL_DIR / name) for name in names)
-
-
-@dataclass(frozen=True)
-class DeviceInfo:
-    """One OpenCL device and whether a trial kernel ran on it."""
-
-    name: str
-    platform: str
-    works: bool
-    why_not: str
-    handle: Any = None
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
-
-
-def _try(handle: cl.Device) -> str:
-    """Build and run a tiny kernel; the reason for failure, or an empty string."""
-    import pyopencl as cl
-
-    try:
-        context = cl.Context([handle])
-        queue = cl.CommandQueue(context)
-        x = np.arange(64, dtype=np.float32)
-        buffer = cl.Buffer(context, cl.mem_flags.COPY_HOST_PTR, hostbuf=x)
-        program = cl.Program(context, _TRIAL).build()
-        cl.Kernel(program, "trial")(queue, x.shape, None, buffer)
-        out = np.empty_like(x)
-        cl.enqueue_copy(queue, out, buffer)
-        return "" if np.array_equal(out, 2 * x) else "the trial kernel gave a wrong result"
-    except Exception as error:  # a broken driver may raise anything
-        return _one_line(error)
-
-
-@functools.lru_cache(maxsize=1)
-def find_devices() -> tuple[DeviceInfo, ...]:
-    """All OpenCL devices, each tried with a tiny kernel, the best working one first.
-
-    A listed device need not work (a driver too old for the CPU lists itself and then cannot compile), so
-    every one is tried. GPUs come before CPUs, then more compute units first.
-    """
-    try:
-        import pyopencl as cl
-
-        platforms = cl.get_platforms()
-    except Exception:  # no loader, no platform
-        return ()
-    found = []
-    for platform in platforms:
-        try:
-            handles = platform.get_devices()
-        except Exception:
-            continue
-        for handle in handles:
-            why_not = _try(handle)
-            is_gpu = bool(handle.type & cl.device_type.GPU)
-            rank = (bool(why_not), not is_gpu, -handle.max_compute_units)
-            name = " ".join(handle.name.split())
-            found.append((rank, DeviceInfo(name, platform.name.strip(), not why_not, why_not, handle)))
-    return tuple(info for _, info in sorted(found, key=lambda pair: pair[0]))
-
-
-def devices() -> list[tuple[str, str, bool, str]]:
-    """Every OpenCL device as ``(name, platform, works, why_not)``, the best working one first."""
-    return [(d.name, d.platform, d.works, d.why_not) for d in find_devices()]
 
 
 @functools.lru_cache(maxsize=8)
@@ -167,14 +96,15 @@ class Buffer:
         import pyopencl as cl
 
         if self.nbytes:
-            cl.enqueue_fill_buffer(self.device.queue, self.data, self.dtype.type(value), 0, self.nbytes)
+            pattern = self.dtype.type(value)
+            self.device.enqueue(lambda queue: cl.enqueue_fill_buffer(queue, self.data, pattern, 0, self.nbytes))
 
     def copy_from(self, other: Buffer) -> None:
         """Copy the contents of another buffer of the same size, on the device."""
         import pyopencl as cl
 
         if self.nbytes:
-            cl.enqueue_copy(self.device.queue, self.data, other.data, byte_count=self.nbytes)
+            self.device.enqueue(lambda queue: cl.enqueue_copy(queue, self.data, other.data, byte_count=self.nbytes))
 
     def rows(self, first: int, n: int) -> Buffer:
         """The `n` rows from `first` on, a view of the same memory; `first` in multiples of `ROW_ALIGNMENT`."""
@@ -185,6 +115,27 @@ class Buffer:
 
     def __del__(self) -> None:
         self.device.allocated -= getattr(self, "_owned", 0)
+
+
+class _Launch:
+    """A kernel with arguments of its own, to be enqueued many times."""
+
+    def __init__(self, kernel: Any, size: tuple[int], group: tuple[int], arguments: list[Any]):
+        self.kernel, self.size, self.group, self.arguments = kernel, size, group, arguments
+        values = (a.tobytes() if isinstance(a, (np.generic, np.ndarray)) else a for a in arguments)
+        self.key = (kernel, size, group, *values)
+
+    def prepare(self) -> None:
+        """Set the arguments."""
+        import pyopencl as cl
+
+        self.kernel = cl.Kernel(self.kernel.program, self.kernel.function_name)
+        self.kernel.set_args(*self.arguments)
+        self._enqueue = cl.enqueue_nd_range_kernel
+
+    def __call__(self, queue: Any) -> None:
+        """Enqueue it."""
+        self._enqueue(queue, self.kernel, self.size, self.group)
 
 
 class Device:
@@ -232,6 +183,7 @@ class Device:
         self.allocated = self.peak = 0
         self._programs: dict[tuple[str, tuple[str, ...]], Any] = {}
         self._kernels: dict[tuple[str, str, tuple[str, ...]], Any] = {}
+        self._captured: list[Callable[[Any], Any]] | None = None
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         import pyopencl as cl
@@ -295,8 +247,40 @@ class Device:
         if n <= 0:
             return
         group = group or min(64, 1 << max(0, (n - 1).bit_length()))
-        converted = [self._argument(a) for a in arguments]
-        kernel(self.queue, (-(-n // group) * group,), (group,), *converted)
+        size, converted = (-(-n // group) * group,), [self._argument(a) for a in arguments]
+        if self._captured is None:
+            kernel(self.queue, size, (group,), *converted)
+        else:
+            self._captured.append(_Launch(kernel, size, (group,), converted))
+
+    def enqueue(self, command: Callable[[Any], Any]) -> None:
+        """Call `command` with the queue, or note it where commands are captured."""
+        if self._captured is None:
+            command(self.queue)
+        else:
+            self._captured.append(command)
+
+    def capture(self, work: Callable[[], Any]) -> Callable[[], None]:
+        """What `work` enqueues, to be enqueued again and again; nothing runs yet.
+
+        Arguments are converted and set once, which is most of what a launch costs the host. `work` must not read back.
+        """
+        self._captured = []
+        try:
+            work()
+            launches: dict[Any, Any] = {}
+            commands = [launches.setdefault(getattr(c, "key", c), c) for c in self._captured]
+        finally:
+            self._captured = None
+        for launch in launches.values():
+            if isinstance(launch, _Launch):
+                launch.prepare()
+
+        def replay() -> None:
+            for command in commands:
+                command(self.queue)
+
+        return replay
 
     def _argument(self, value: Any) -> Any:
         if isinstance(value, Buffer):

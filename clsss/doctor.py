@@ -7,7 +7,7 @@ import platform
 import subprocess
 import sys
 
-from clsss.device import NO_DEVICE, devices
+from clsss.discovery import NO_DEVICE, devices
 from clsss.errors import DeviceError
 
 _PACKAGES = (

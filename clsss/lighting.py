@@ -163,7 +163,6 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         convergence = scene.multigrid.solve(
             source.b, phi, scene.tolerance, progress=lambda f: tell("solve", f), follower=follower
         )
-        scene.multigrid.residual.complete(phi)
         flux, entering = follower.surface(phi) if follower else (
             boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
     gain = scene.exchange.gain if scene.exchange else 0.0

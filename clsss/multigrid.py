@@ -11,17 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from clsss.anderson import Anderson, Follower, inner_product
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, Operator, Residual, channels
 
 SWEEPS = 2  # before and after the coarser level, on the finest
 COARSE_SWEEPS = 3  # on the others: little work, and what they leave undone adds up from level to level
-PARTIAL_SUMS = 1024
-DEPTH = 3  # cycles that Anderson acceleration looks back on
 SLOW = 0.25  # a plain cycle that reduces the residual less is accelerated
 STALL = 4  # cycles without a tenth less residual end a solve: rounding allows no more
 MOVING = 10.0  # tolerance of a follower's state over that of the residual
@@ -73,16 +71,15 @@ class Multigrid:
         d = op.medium.defines
         self.residual = Residual(device, op)
         self.e, self.r = Field(device, op.octree), Field(device, op.octree)
-        self._partial = device.empty((PARTIAL_SUMS, CHANNELS))
         self._smooth = device.kernel("smooth", "smooth", *d)
         self._restrict = device.kernel("restrict", "restrict_residual", *d)
         self._reflux = device.kernel("residual", "reflux", *d)
         self._ghosts = device.kernel("prolong", "copy_ghosts")
         self._prolong = device.kernel("prolong", "prolong")
         self._coarsest = device.kernel("coarsest", "solve_coarsest")
-        self._inner = device.kernel("reduce", "inner_product")
         self._combine = device.kernel("reduce", "combine")
         self._inverse = self._invert_coarsest()
+        self._cycle: Callable[[], None] | None = None
 
     def _invert_coarsest(self) -> Buffer:
         level = self.op.octree.levels[0]
@@ -132,9 +129,7 @@ class Multigrid:
 
     def inner_product(self, x: Field, y: Field) -> np.ndarray:
         """Sum over all cells of x y, by colour channel (3,)."""
-        n = x.whole.shape[0]
-        self.device.run(self._inner, PARTIAL_SUMS, n, PARTIAL_SUMS, x.whole, y.whole, self._partial)
-        return self._partial.get()[:, :3].astype(float).sum(axis=0)
+        return inner_product(self.device, x, y)
 
     def combine(self, a: np.ndarray | float, x: Field, b: np.ndarray | float, y: Field) -> None:
         """Overwrite y with a x + b y; `a` and `b` one number or one per colour channel (3,)."""
@@ -172,16 +167,20 @@ class Multigrid:
         """
         scale = np.sqrt(self.inner_product(b, b))
         lit = scale > 0
-        f = Field(self.device, self.op.octree)
-        anderson = Anderson(self, phi, f, follower) if follower else None
+        r, capture, top = self.r, self.device.capture, len(self.e) - 1
+        complete = capture(lambda: self.residual.complete(phi))
+        take_residual = capture(lambda: self.residual(phi, b, r, completed=True))
+        self._cycle = self._cycle or capture(lambda: self.v_cycle(top))
+        anderson = Anderson(self.device, phi, r, follower) if follower else None
         residuals: list[np.ndarray] = []
         while True:
-            self.residual.complete(phi)
+            complete()
             moving = follower.update(phi) if follower else 0.0
-            self.residual(phi, b, f, completed=True)
+            take_residual()
             if follower:
-                follower.adjust(f)
-            residuals.append(np.where(lit, np.sqrt(self.inner_product(f, f)) / np.where(lit, scale, 1), 0))
+                follower.adjust(r)
+            square = anderson.measure() if anderson else self.inner_product(r, r)
+            residuals.append(np.where(lit, np.sqrt(square) / np.where(lit, scale, 1), 0))
             history = [float(r.max()) for r in residuals]
             done = history[-1] <= tolerance and moving <= MOVING * tolerance
             stalled = len(history) > STALL and history[-1] > 0.9 * history[-1 - STALL]
@@ -190,83 +189,11 @@ class Multigrid:
             if progress is not None:
                 progress(float(np.clip(np.log(max(history[-1], tolerance)) / np.log(tolerance), 0, 1)))
             if anderson is None and len(history) > 2 and history[-1] > SLOW * history[-2]:
-                anderson = Anderson(self, phi, f, None)
+                anderson = Anderson(self.device, phi, r, None)
             if anderson:
                 anderson.combine()
-            self.r.whole.copy_from(f.whole)
-            self.v_cycle(len(self.e) - 1)
-            self.combine(1, self.e, 1, phi)
+            self._cycle()
             if anderson:
-                anderson.add_step(self.e)
-
-
-class Follower(Protocol):
-    """A part of the right-hand side that follows the solution, with a state of its own."""
-
-    state: np.ndarray  # (p, 3), affine in the solution
-
-    def update(self, phi: Field) -> float:
-        """Advance `state` by one step, for a complete `phi`; how far it moved, relative to its size."""
-
-    def adjust(self, residual: Field) -> None:
-        """Add its part of the right-hand side to a residual."""
-
-
-class Anderson:
-    """Combines cycles: the solution (and a follower's state) of the least residual among the last ones.
-
-    For a linear problem this is GMRES over the last `DEPTH` cycles, on true residuals, by channel.
-
-    References
-    ----------
-    Walker and Ni 2011, "Anderson acceleration for fixed-point iterations".
-    """
-
-    def __init__(self, multigrid: Multigrid, phi: Field, residual: Field, follower: Follower | None):
-        self.multigrid, self.phi, self.residual, self.follower = multigrid, phi, residual, follower
-        device, octree = multigrid.device, multigrid.op.octree
-        # what each of the last cycles changed: the solution, its residual, the follower's state
-        self._steps = [(Field(device, octree), Field(device, octree)) for _ in range(DEPTH)]
-        self._states = [np.zeros_like(follower.state) if follower else np.zeros((0, 3)) for _ in range(DEPTH)]
-        self._count = 0
-
-    def combine(self) -> None:
-        """Move solution, residual and state to the best combination of the last cycles."""
-        mg, follower, known = self.multigrid, self.follower, min(self._count, DEPTH)
-        if self._count:
-            last = (self._count - 1) % DEPTH
-            mg.combine(1, self.residual, 1, self._steps[last][1])
-            if follower:
-                self._states[last] += follower.state
-        gamma = np.zeros((DEPTH, 3))
-        gamma[:known] = self._least_residual(known)
-        slot = self._count % DEPTH
-        self._count += 1
-        for kind, current in enumerate((self.phi, self.residual)):
-            moved = self._steps[slot][kind]
-            mg.combine(0, moved, -gamma[slot], moved)
-            for i in range(known):
-                if i != slot:
-                    mg.combine(-gamma[i], self._steps[i][kind], 1, moved)
-            mg.combine(1, moved, 1, current)
-        mg.combine(-1, self.residual, 1, self._steps[slot][1])
-        if follower:
-            moved_state = -sum(g * state for g, state in zip(gamma, self._states, strict=True))
-            follower.state = follower.state + moved_state
-            self._states[slot] = moved_state - follower.state
-
-    def add_step(self, correction: Field) -> None:
-        """Note what the cycle added to the solution."""
-        self.multigrid.combine(1, correction, 1, self._steps[(self._count - 1) % DEPTH][0])
-
-    def _least_residual(self, known: int) -> np.ndarray:
-        """Coefficients (known, 3) that take the most from the residual."""
-        if not known:
-            return np.zeros((0, 3))
-        changes = [self._steps[i][1] for i in range(known)]
-        gram, right = np.zeros((3, known, known)), np.zeros((3, known))
-        for i, change in enumerate(changes):
-            right[:, i] = self.multigrid.inner_product(change, self.residual)
-            for j in range(i + 1):
-                gram[:, i, j] = gram[:, j, i] = self.multigrid.inner_product(change, changes[j])
-        return np.stack([np.linalg.lstsq(g, r, rcond=1e-6)[0] for g, r in zip(gram, right, strict=True)], axis=-1)
+                anderson.add_correction(self.e)
+            else:
+                self.combine(1, self.e, 1, phi)

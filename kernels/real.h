@@ -8,3 +8,11 @@
 #define REAL4 GLUE(REAL, 4)
 #define REAL8 GLUE(REAL, 8)
 #define convert_REAL4 GLUE(convert_, REAL4)
+
+/* A float's first 16 bits, rounded to nearest: its range and eight bits of its precision, in half the memory. */
+ushort4 shorten(const REAL4 value) {
+    const uint4 bits = as_uint4(convert_float4(value));
+    return convert_ushort4((bits + 0x7fff + ((bits >> 16) & 1)) >> 16);
+}
+
+REAL4 lengthen(const ushort4 value) { return convert_REAL4(as_float4(convert_uint4(value) << 16)); }

@@ -1,20 +1,16 @@
 /* reduce.cl -- sums and combinations of fields over cells, by channel; sums in a fixed order: the same bits every
  * time. */
 #include "real.h"
+#include "tile.h"
 
-/* Partial inner products; work-item g takes cells g, g + stride, ... and keeps what rounding loses (Kahan). */
-// cost inner_product: 8R B, 12 flop
-__kernel void inner_product(const int n, const int stride, __global const REAL4 *restrict x,
-                            __global const REAL4 *restrict y, __global REAL4 *restrict partial) {
-    const int g = get_global_id(0);
-    if (g >= stride) return;
-    REAL4 sum = (REAL4)(0), lost = (REAL4)(0);
-    for (int i = g; i < n; i += stride) {
-        const REAL4 term = x[i] * y[i] - lost, next = sum + term;
-        lost = (next - sum) - term;
-        sum = next;
-    }
-    partial[g] = sum;
+/* Partial inner products, one of each tile. */
+// cost inner_product: 512R B, 512 flop
+__kernel void inner_product(const int n, __global const REAL4 *restrict x, __global const REAL4 *restrict y,
+                            __global REAL4 *restrict partial) {
+    __local REAL4 part[GROUP];
+    REAL4 sum = (REAL4)(0);
+    for (int i = first_of_tile(); i < end_of_tile(n); i += GROUP) sum += x[i] * y[i];
+    sum_of_group(sum, part, partial + get_group_id(0));
 }
 
 /* y = a x + b y */

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from clsss import device as module
-from clsss.device import Device, DeviceInfo, devices, find_devices, kernel_source
+from clsss import discovery
+from clsss.device import Device, kernel_source
+from clsss.discovery import DeviceInfo, devices, find_devices
 from clsss.errors import DeviceError, InputError
 
 
@@ -93,6 +95,29 @@ def test_too_large_a_buffer_is_a_device_error(single):
     assert single.allocated == before
 
 
+def test_captured_work_runs_when_replayed(device):
+    """Launches, fills and copies, in their order, as often as asked for and not before."""
+    combine = device.kernel("reduce", "combine")
+    x, y, kept = device.array(np.ones((5, 4))), device.array(np.zeros((5, 4))), device.zeros((5, 4))
+    one = device.vector([1.0, 1.0, 1.0, 1.0])
+
+    def work():
+        device.run(combine, 5, 5, one, one, x, y)
+        kept.copy_from(y)
+        x.fill(3)
+        device.run(combine, 5, 5, one, one, x, y)
+
+    replay = device.capture(work)
+    assert not y.get().any()
+    replay()
+    np.testing.assert_array_equal(kept.get(), 1)
+    np.testing.assert_array_equal(y.get(), 4)
+    replay()
+    np.testing.assert_array_equal(y.get(), 10)
+    device.run(combine, 5, 5, one, one, x, y)
+    np.testing.assert_array_equal(y.get(), 13)
+
+
 def test_vector_fills_up_with_zeros(device):
     assert list(device.vector([1.0, 2.0]).tolist()) == [1.0, 2.0, 0.0, 0.0]
 
@@ -128,8 +153,8 @@ class BrokenDevice:
 
 
 def test_a_driver_that_raises_does_not_work():
-    assert "\n" not in module._try(BrokenDevice())
-    assert module._try(BrokenDevice())
+    assert "\n" not in discovery._try(BrokenDevice())
+    assert discovery._try(BrokenDevice())
 
 
 @pytest.mark.parametrize("found", [(), (DeviceInfo("old", "vendor", False, "too old"),)])

@@ -11,7 +11,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "clsss"
 LAYERS = {
-    -1: ["errors"],
+    -1: ["errors", "discovery"],
     0: [
         "device",
         "materials",
@@ -38,7 +38,7 @@ LAYERS = {
     1.4: ["refinement"],
     2: ["octree"],
     3: ["diffusion"],
-    3.1: ["source"],
+    3.1: ["source", "anderson"],
     4: ["arguments", "multigrid", "surface"],
     4.1: ["exchange", "single"],
     4.2: ["lighting"],
@@ -55,7 +55,7 @@ LAYER_OF = {module: layer for layer, modules in LAYERS.items() for module in mod
 # A result saves itself: the one call from below.
 UPWARD = {("simulate", "export")}
 ONLY_IN = {
-    "pyopencl": {"device", "doctor"},
+    "pyopencl": {"device", "discovery", "doctor"},
     "trimesh": {"mesh", "meshfile", "rays", "repair", "demo", "export", "paint"},
     "embreex": {"mesh", "rays"},
     "moderngl": {"opengl", "scene", "doctor"},
