@@ -27,9 +27,10 @@ if not KERNEL_DIR.is_dir():
 
 # Files that are built as one program: a driver takes longer to load a program than to hold some kernels more.
 TOGETHER = (
-    ("bin", "crossing", "distance", "cutcell", "octree", "prolong", "reduce", "anderson", "coarsest", "surface"),
+    ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
+     "surface"),
     ("coefficients", "gradient", "smooth", "residual", "restrict", "source", "attenuate"),
-)
+)  # fmt: skip
 ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
 
 
@@ -179,6 +180,8 @@ class Device:
         self.handle = handle
         self.context = cl.Context([handle])
         self.queue = cl.CommandQueue(self.context)
+        width = handle.native_vector_width_float if precision == "single" else handle.native_vector_width_double
+        self.lanes = max(1, int(width))
         self.is_cpu = bool(handle.type & cl.device_type.CPU)
         self.allocated = self.peak = 0
         self._programs: dict[tuple[str, tuple[str, ...]], Any] = {}
@@ -229,7 +232,7 @@ class Device:
                 options = ["-DREAL=double"]
                 if self.precision == "single":
                     options = ["-DREAL=float", "-cl-single-precision-constant"]
-                options += [f"-D{d}" for d in defines]
+                options += [f"-DLANES={self.lanes}", *(f"-D{d}" for d in defines)]
                 try:
                     source = kernel_source(*(f"{name}.cl" for name in files))
                     program = cl.Program(self.context, source).build(options)

@@ -82,8 +82,8 @@ class Octree:
         For each finest cell its place among `cut`, or -1 where it is full.
     block, brick : int32, device
         The two-level map of leaf codes.
-    uniform : (n_bricks, 2) uint8, device
-        Which of the eight parts of each brick are full, and which are empty (ray.h).
+    clearance : (n_blocks, 512) uint8, device
+        How far each cell of the finest grid is from one of another kind (clearance.cl).
     """
 
     grid: Grid
@@ -92,7 +92,7 @@ class Octree:
     cut_index: Buffer
     block: Buffer
     brick: Buffer
-    uniform: Buffer
+    clearance: Buffer
 
     @property
     def finest(self) -> Level:
@@ -171,17 +171,16 @@ def _leaf_map(grid: Grid, cells: list[np.ndarray], leaf: list[np.ndarray]) -> tu
     return block.ravel(), brick
 
 
-def _uniform_parts(brick: np.ndarray, cut_index: np.ndarray) -> np.ndarray:
-    """Bits of the 4x4x4 parts of each brick that are full and uncut, and of those that are empty (n, 2)."""
-    inside = brick >= 0
-    finest = inside & (brick & 15 == 0)
-    full = inside.copy()
-    full[finest] = cut_index[brick[finest] >> 4] < 0
-    bits = 1 << np.arange(8)
-    parts = [
-        mask.reshape(-1, 2, 4, 2, 4, 2, 4).all(axis=(2, 4, 6)).reshape(-1, 8) @ bits for mask in (full, ~inside)
-    ]
-    return np.stack(parts, axis=1).astype(np.uint8)
+def _clearance(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> Buffer:
+    """How far each cell of the finest grid is from one of another kind (clearance.cl)."""
+    kind = np.where(is_cut, 0, np.where(solid, 129, 1)).astype(np.uint8).ravel()
+    rows = grid.dims[1] * grid.dims[2]
+    first, second = device.array(kind), device.empty(len(kind), np.uint8)
+    device.run(device.kernel("clearance", "clear_along"), rows, rows, grid.dims, first, second)
+    across, n = device.kernel("clearance", "clear_across"), len(kind) // 8
+    device.run(across, n, n, grid.dims, 1, second, first)
+    device.run(across, n, n, grid.dims, 2, first, second)
+    return second
 
 
 def _index_map(shape: tuple[int, ...], ijk: np.ndarray) -> np.ndarray:
@@ -293,8 +292,8 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
             levels[number], interface=device.array(interface.astype(np.int32)), interface_start=device.array(start)
         )
     cut, cut_index = _cut_cells(device, samples, cut_rows, cells[-1], grid, block, brick)
-    uniform = device.array(_uniform_parts(brick, cut_index.get()))
-    return Octree(grid, tuple(levels), cut, cut_index, block_buffer, brick_buffer, uniform)
+    clearance = _clearance(device, grid, solid, is_cut)
+    return Octree(grid, tuple(levels), cut, cut_index, block_buffer, brick_buffer, clearance)
 
 
 def _cut_cells(device: Device, samples: Samples, rows: np.ndarray, ijk: np.ndarray, grid: Grid, block: np.ndarray,

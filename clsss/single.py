@@ -22,7 +22,7 @@ from clsss.device import Device
 from clsss.diffusion import Coefficients
 from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 from clsss.octree import Octree
-from clsss.source import extinction, light_arguments, scattering
+from clsss.source import body, light_arguments, scattering
 from clsss.surface import tangent_frame
 
 DEPTHS = 12  # points along each ray where the light may have scattered
@@ -55,15 +55,13 @@ def radiance_once(device: Device, octree: Octree, medium: Coefficients, lights: 
     spare = np.zeros((n, 1))
     arrays = [device.array(np.concatenate([v, spare], axis=1)) for v in (octree.grid.to_cells(points), normals, out)]
     radiance = device.zeros((n, 4))
-    attenuation, scatters = extinction(device, octree, medium), scattering(device, octree, medium)
-    mean = np.mean(attenuation[1].tolist()[:3]) if medium.homogeneous else attenuation[1].get().mean()
+    through, scatters = body(device, octree, medium), scattering(device, octree, medium)
+    mean = np.mean(through[-1].tolist()[:3]) if medium.homogeneous else through[-2].get().mean()
     kernel = device.kernel("single", "scattered_once", *medium.defines)
-    cut = octree.cut
     for light in collimated(lights):
         where, strength = light_arguments(device, octree, light, unit)
         device.run(kernel, n, n, depths, h, float(medium.eta), float(medium.g), float(mean), where, strength,
-                   octree.grid.dims, octree.block, octree.brick, octree.cut_index, cut.boundary, cut.normal,
-                   cut.centroid, *attenuation, scatters, *arrays, radiance)  # fmt: skip
+                   *through, scatters, *arrays, radiance)  # fmt: skip
     return radiance.get()[:, :3].astype(float)
 
 

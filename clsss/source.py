@@ -50,14 +50,17 @@ class Source:
     incident: np.ndarray
 
 
-def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
-    """Extinction per finest cell width as rays take it (ray.h): a vector, or all levels' cells and their starts."""
+def body(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
+    """What rays run through (body.h), extinction per cell width: a vector, or all levels' cells and their starts."""
+    cut = octree.cut
+    shape = (octree.grid.dims, octree.block, octree.brick, octree.clearance, octree.cut_index, cut.boundary, cut.normal,
+             cut.centroid)  # fmt: skip
     if medium.homogeneous:
         total = [a + s for a, s in zip(medium.sigma_a[-1].tolist(), medium.sigma_s[-1].tolist(), strict=True)]
-        return octree.uniform, device.vector([octree.grid.h * t for t in total])
+        return *shape, device.vector([octree.grid.h * t for t in total])
     parts = [a.get() + s.get() for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
-    return octree.uniform, device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
+    return *shape, device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
 
 
 def scattering(device: Device, octree: Octree, medium: Coefficients) -> Any:
@@ -98,7 +101,7 @@ class Beams:
         self.incident = np.zeros(3)
         self._F = Field(device, octree)
         self._F_B = device.empty((n_cut, CHANNELS))
-        self._extinction = extinction(device, octree, medium)
+        self._body = body(device, octree, medium)
         self._normal = octree.cut.normal.get()[:, :3].astype(float) * octree.grid.h**2
         self._x_B = octree.finest.ijk[octree.cut.cell.get()] + octree.cut.boundary.get()[:, :3].astype(float)
 
@@ -122,17 +125,15 @@ class Beams:
     def _trace(self, where: Any, strength: Any) -> None:
         device, octree, cut, eta = self.device, self.octree, self.octree.cut, float(self.medium.eta)
         defines, finest = self.medium.defines, self.octree.finest
-        surface = (octree.cut_index, cut.boundary, cut.normal, cut.centroid)
         cells = device.kernel("attenuate", "beam_in_cells", *defines)
         for k, level in enumerate(octree.levels):
-            device.run(cells, level.n, level.n, level.depth, octree.grid.h, eta, where, strength, octree.grid.dims,
-                       octree.block, octree.brick, level.position, level.is_leaf, *surface, *self._extinction,
-                       self._F[k])  # fmt: skip
+            device.run(cells, -(-level.n // device.lanes), level.n, level.depth, octree.grid.h, eta, where, strength,
+                       *self._body, level.position, level.is_leaf, self._F[k])  # fmt: skip
             if level.n_ghost:
                 self._copy_ghosts(k)
         kernel = device.kernel("attenuate", "beam_at_boundary", *defines)
-        device.run(kernel, cut.n, cut.n, octree.grid.h, eta, where, strength, octree.grid.dims, octree.block,
-                   octree.brick, finest.position, cut.cell, *surface, *self._extinction, self._F_B)  # fmt: skip
+        device.run(kernel, -(-cut.n // device.lanes), cut.n, octree.grid.h, eta, where, strength, *self._body,
+                   finest.position, cut.cell, self._F_B)  # fmt: skip
 
     def _shade(self, light: DirectionalLight | PointLight) -> None:
         """No light where a blocker stands before it."""

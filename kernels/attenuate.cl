@@ -5,44 +5,58 @@
  * T is the Fresnel transmittance where the light first enters.
  */
 #include "real.h"
-#include "tree.h"
+#include "lanes.h"
+#include "body.h"
 #include "beam.h"
 #include "ray.h"
+#include "irradiance.h"
 
-/* F at the centroids of the leaves of one level; zero on covered cells. */
-// cost beam_in_cells: 8R+20 B, 1000 flop
+/* F at the centroids of the leaves of one level; zero on covered cells. One work-item for LANES cells. */
+// cost beam_in_cells: 128R+320 B, 16000 flop  (16 lanes)
 __kernel void beam_in_cells(const int n, const int depth, const REAL h, const REAL eta, const REAL4 light,
-                            const REAL4 strength, const int4 dims, __global const int *restrict block,
-                            __global const int *restrict brick, __global const int *restrict position,
-                            __global const uchar *restrict is_leaf, __global const int *restrict cut_index,
-                            __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                            __global const REAL4 *restrict centroid, EXTINCTION, __global REAL4 *restrict F) {
-    const int i = get_global_id(0);
-    if (i >= n) return;
-    if (!is_leaf[i]) {
-        F[i] = (REAL4)(0);
-        return;
+                            const REAL4 strength, BODY, __global const int *restrict position,
+                            __global const uchar *restrict is_leaf, __global REAL4 *restrict F) {
+    const int first = LANES * get_global_id(0), count = min(LANES, n - first);
+    if (count <= 0) return;
+    const Body body = BODY_ARGUMENTS;
+    Beam beam[LANES];
+    Rays rays;
+    for (int l = 0; l < LANES; l++) {
+        const int i = first + min(l, count - 1);
+        const REAL4 corner = convert_REAL4(vload4(i, position));
+        REAL4 p = (corner + (REAL)0.5) * (REAL)(1 << depth);
+        if (depth == 0 && cut_index[i] >= 0) p = corner + centroid[cut_index[i]];
+        p.w = 0;
+        beam[l] = beam_at(light, p);
+        set_ray(&rays, l, p, beam[l]);
+        if (l >= count || !is_leaf[i]) rays.distance.at[l] = 0;
     }
-    const REAL4 corner = convert_REAL4(vload4(i, position));
-    REAL4 p = (corner + (REAL)0.5) * (REAL)(1 << depth);
-    if (depth == 0 && cut_index[i] >= 0) p = corner + centroid[cut_index[i]];
-    p.w = 0;
-    F[i] = reduced_irradiance(p, h, eta, light, strength, dims, block, brick, cut_index, boundary, normal, centroid,
-                              EXTINCTION_ARGUMENTS, -1);
+    const Passage met = march(body, rays);
+    for (int l = 0; l < count; l++)
+        F[first + l] = is_leaf[first + l] ? reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l],
+                                                               met.entry.at[l]) : (REAL4)(0);
 }
 
-/* F at the boundary of the cut cells, on its inner side. */
-// cost beam_at_boundary: 12R+20 B, 1000 flop
+/* F at the boundary of the cut cells, on its inner side. One work-item for LANES cells. */
+// cost beam_at_boundary: 192R+320 B, 16000 flop  (16 lanes)
 __kernel void beam_at_boundary(const int n, const REAL h, const REAL eta, const REAL4 light, const REAL4 strength,
-                               const int4 dims, __global const int *restrict block, __global const int *restrict brick,
-                               __global const int *restrict position, __global const int *restrict cut_cell,
-                               __global const int *restrict cut_index, __global const REAL4 *restrict boundary,
-                               __global const REAL4 *restrict normal, __global const REAL4 *restrict centroid,
-                               EXTINCTION, __global REAL4 *restrict F_B) {
-    const int c = get_global_id(0);
-    if (c >= n) return;
-    REAL4 p = convert_REAL4(vload4(cut_cell[c], position)) + boundary[c];
-    p.w = 0;
-    F_B[c] = reduced_irradiance(p, h, eta, light, strength, dims, block, brick, cut_index, boundary, normal, centroid,
-                                EXTINCTION_ARGUMENTS, c);
+                               BODY, __global const int *restrict position, __global const int *restrict cut_cell,
+                               __global REAL4 *restrict F_B) {
+    const int first = LANES * get_global_id(0), count = min(LANES, n - first);
+    if (count <= 0) return;
+    const Body body = BODY_ARGUMENTS;
+    Beam beam[LANES];
+    Rays rays;
+    for (int l = 0; l < LANES; l++) {
+        const int c = first + min(l, count - 1);
+        REAL4 p = convert_REAL4(vload4(cut_cell[c], position)) + boundary[c];
+        p.w = 0;
+        beam[l] = beam_at(light, p);
+        set_ray(&rays, l, p, beam[l]);
+    }
+    const Passage met = march(body, rays);
+    for (int l = 0; l < count; l++) {
+        const int entry = met.entry.at[l] < 0 ? first + l : met.entry.at[l];
+        F_B[first + l] = reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l], entry);
+    }
 }

@@ -1,119 +1,144 @@
-/* ray.h -- straight rays through the octree towards a light.
+/* ray.h -- straight rays through a body towards a light, as many at once as there are lanes.
  *
- * Rays go leaf by leaf, or across 4x4x4 cells at once where those are all empty, or all full of one medium: `uniform`
- * has two bytes a brick, with a bit set for each of its eight parts that is full, or empty. Cut cells count up to the plane of their boundary; cavities and gaps hold no leaves and
- * attenuate nothing. Lengths in cells, the extinction is per cell width. Needs real.h, tree.h and beam.h.
+ * Rays leap as far as all cells are empty, or full of one medium, by the cells' `clearance` (clearance.cl); where the
+ * medium varies, leaf by leaf. Needs real.h, lanes.h, body.h and beam.h.
  */
+#define OPAQUE 104 /* optical depth: single precision holds nothing below exp(-104) */
+
+/* One coordinate of the rays: where they start, their direction; the cells that they cross next, and up to where. */
+typedef struct {
+    Reals from, to;
+    REALN inverse, leave;
+    Ints cell;
+    INTN low, high;
+} Axis;
+
+typedef struct {
+    Axis axis[3];
+    Reals distance; /* to go at most */
+} Rays;
+
+/* What rays met: optical depth, cut cell where the light enters the object last (-1: none), length inside. */
+typedef struct {
+    REAL4 tau[LANES];
+    Ints entry;
+    Reals solid;
+} Passage;
+
+void set_ray(Rays *rays, const int lane, const REAL4 p, const Beam beam) {
+    const REAL from[3] = {p.x, p.y, p.z}, to[3] = {beam.towards.x, beam.towards.y, beam.towards.z};
+    for (int a = 0; a < 3; a++) {
+        rays->axis[a].from.at[lane] = from[a];
+        rays->axis[a].to.at[lane] = to[a];
+    }
+    rays->distance.at[lane] = beam.distance;
+}
+
+/* How far along the rays they leave the cells from low to high. */
+REALN way_out(Axis *axis) {
+    for (int a = 0; a < 3; a++) {
+        const INTN up = convert_INTN(axis[a].inverse > 0);
+        axis[a].leave = (convert_REALN(select(axis[a].low, axis[a].high + 1, up)) - axis[a].from.all) * axis[a].inverse;
+    }
+    return lesser(axis[0].leave, lesser(axis[1].leave, axis[2].leave));
+}
+
+/* Rays at their start; they end where the grid's outermost cells begin, which are empty. */
+void start(Rays *rays, const int4 dims) {
+    const int size[3] = {dims.x, dims.y, dims.z};
+    for (int a = 0; a < 3; a++) {
+        Axis *axis = rays->axis + a;
+        const REALN to = axis->to.all;
+        axis->inverse = 1 / select(to, (REALN)(1e-20), fabs(to) < (REALN)(1e-20)); /* none goes 1e20 cells */
+        axis->cell.all = convert_INTN(axis->from.all);
+        axis->low = (INTN)(1);
+        axis->high = (INTN)(size[a] - 2);
+    }
+    rays->distance.all = lesser(rays->distance.all, way_out(rays->axis));
+}
+
+/* Bound the cells that are like those the rays are in; codes of the leaves where these bound them. */
+void look_around(const Body body, Axis *axis, const Ints place, Ints *kind, Ints *code) {
+    for (int l = 0; l < LANES; l++) kind->at[l] = body.clearance[place.at[l]];
+    const INTN around = max(kind->all & 127, 1) - 1;
+    for (int a = 0; a < 3; a++) {
+        axis[a].low = axis[a].cell.all - around;
+        axis[a].high = axis[a].cell.all + around;
+    }
 #ifdef HETEROGENEOUS
-#define EXTINCTION \
-    __global const uchar *restrict uniform, __global const REAL4 *restrict extinction, \
-        __global const int *restrict depth_start
-#define EXTINCTION_ARGUMENTS uniform, extinction, depth_start
-#define ONE_MEDIUM 0
-#define EXTINCTION_OF(code) extinction[depth_start[(code) & 15] + ((code) >> 4)]
-#else
-#define EXTINCTION __global const uchar *restrict uniform, const REAL4 extinction
-#define EXTINCTION_ARGUMENTS uniform, extinction
-#define ONE_MEDIUM 1
-#define EXTINCTION_OF(code) extinction
+    for (int l = 0; l < LANES; l++) code->at[l] = kind->at[l] > 127 ? code_at(body, place.at[l]) : 0;
+    const INTN depth = code->all & 15, full = kind->all > 127;
+    for (int a = 0; a < 3; a++) {
+        const INTN low = (axis[a].cell.all >> depth) << depth;
+        axis[a].low = select(axis[a].low, low, full);
+        axis[a].high = select(axis[a].high, low + ((INTN)(1) << depth) - 1, full);
+    }
 #endif
-
-/* Share of the ray between s0 and s1 (heights over the boundary's plane at its ends) that is inside. */
-REAL inside_share(const REAL s0, const REAL s1) {
-    if (s0 < 0) return s1 < 0 ? 1 : s0 / (s0 - s1);
-    return s1 < 0 ? s1 / (s1 - s0) : 0;
 }
 
-/* Optical depth from p to the light, the cut cell where its light enters the object last (-1: none), and the length
- * inside the object. */
-REAL4 optical_depth(const REAL4 p, const Beam beam, const int4 dims, __global const int *restrict block,
-                    __global const int *restrict brick, __global const int *restrict cut_index,
-                    __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                    __global const REAL4 *restrict centroid, EXTINCTION, int *entry, REAL *solid) {
-    const REAL4 dir = beam.towards;
-    const REAL huge = 1e30;
-    const REAL4 inverse = (REAL4)(dir.x != 0 ? 1 / dir.x : huge, dir.y != 0 ? 1 / dir.y : huge,
-                                  dir.z != 0 ? 1 / dir.z : huge, huge);
-    int4 c = convert_int4(floor(p));
-    REAL4 tau = (REAL4)(0);
-    REAL t = 0;
-    *entry = -1;
-    *solid = 0;
-    while (t < beam.distance && c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < dims.x && c.y < dims.y && c.z < dims.z) {
-        const int b = block[((c.z >> 3) * (dims.y >> 3) + (c.y >> 3)) * (dims.x >> 3) + (c.x >> 3)];
-        int code = b == -1 ? -1 : -2 - b, depth = b == -1 ? 3 : code & 15;
-        if (b >= 0) {
-            const int part = 1 << (((c.z >> 2) & 1) * 4 + ((c.y >> 2) & 1) * 2 + ((c.x >> 2) & 1));
-            const int full = ONE_MEDIUM ? uniform[2 * b] : 0;
-            if (full & part) {
-                code = 0;
-                depth = full == 255 ? 3 : 2;
-            } else if (uniform[2 * b + 1] & part) {
-                code = -1;
-                depth = 2;
-            } else {
-                code = brick[b * 512 + ((c.z & 7) * 8 + (c.y & 7)) * 8 + (c.x & 7)];
-                depth = code < 0 ? 0 : code & 15;
-            }
-        }
-        const int4 low = (c >> depth) << depth, high = low + (1 << depth);
-        const REAL tx = (dir.x > 0 ? high.x - p.x : low.x - p.x) * inverse.x,
-                   ty = (dir.y > 0 ? high.y - p.y : low.y - p.y) * inverse.y,
-                   tz = (dir.z > 0 ? high.z - p.z : low.z - p.z) * inverse.z;
-        const REAL ux = dir.x != 0 ? tx : huge, uy = dir.y != 0 ? ty : huge, uz = dir.z != 0 ? tz : huge;
-        const REAL leave = fmax(t, fmin(ux, fmin(uy, uz))), end = fmin(leave, beam.distance);
-        if (code >= 0) {
-            REAL share = 1;
-            const int cut = depth == 0 ? cut_index[code >> 4] : -1;
-            if (cut >= 0) {
-                const REAL4 n = normal[cut], at = p - convert_REAL4(c) - boundary[cut];
-                if (length(n) < (REAL)0.5 * boundary[cut].w) {
-                    share = centroid[cut].w; /* two sheets in one cell have no one plane */
-                } else {
-                    const REAL height = dot(at.xyz, n.xyz), rise = dot(dir.xyz, n.xyz);
-                    share = inside_share(height + t * rise, height + end * rise);
-                }
-                if (share > 0) *entry = cut;
-            }
-            tau += EXTINCTION_OF(code) * (share * (end - t));
-            *solid += share * (end - t);
-        }
-        t = leave;
-        const int4 next = clamp(convert_int4(floor(p + t * dir)), low, high - 1);
-        c = next;
-        if (ux <= uy && ux <= uz) c.x = dir.x > 0 ? high.x : low.x - 1;
-        else if (uy <= uz) c.y = dir.y > 0 ? high.y : low.y - 1;
-        else c.z = dir.z > 0 ? high.z : low.z - 1;
+/* Lengths inside the cut cells among those that rays cross between t and end. */
+void cross_cut_cells(const Body body, const Rays *rays, const Ints place, const Ints kind, const Reals t,
+                     const Reals end, Reals *length, Ints *code, Passage *met) {
+    const Axis *axis = rays->axis;
+    for (int l = 0; l < LANES; l++) {
+        if (kind.at[l] || !(t.at[l] < rays->distance.at[l])) continue;
+        code->at[l] = code_at(body, place.at[l]);
+        const int cut = body.cut_index[code->at[l] >> 4];
+        const REAL4 p = (REAL4)(axis[0].from.at[l] - axis[0].cell.at[l], axis[1].from.at[l] - axis[1].cell.at[l],
+                                axis[2].from.at[l] - axis[2].cell.at[l], 0);
+        const REAL4 to = (REAL4)(axis[0].to.at[l], axis[1].to.at[l], axis[2].to.at[l], 0);
+        const REAL share = share_inside(body, cut, p, to, t.at[l], end.at[l]);
+        met->entry.at[l] = share > 0 ? cut : met->entry.at[l];
+        length->at[l] = share * (end.at[l] - t.at[l]);
     }
-    return tau;
 }
 
-/* Unpolarised Fresnel transmittance for light that enters at cosine mu from outside. */
-REAL transmittance(const REAL mu, const REAL eta) {
-    const REAL inner2 = 1 - (1 - mu * mu) / (eta * eta);
-    if (inner2 <= 0) return 0;
-    const REAL inner = sqrt(inner2);
-    const REAL s = (mu - eta * inner) / (mu + eta * inner), q = (eta * mu - inner) / (eta * mu + inner);
-    return 1 - (s * s + q * q) / 2;
-}
-
-REAL4 reduced_irradiance(const REAL4 p, const REAL h, const REAL eta, const REAL4 light, const REAL4 strength,
-                         const int4 dims, __global const int *restrict block, __global const int *restrict brick,
-                         __global const int *restrict cut_index, __global const REAL4 *restrict boundary,
-                         __global const REAL4 *restrict normal, __global const REAL4 *restrict centroid, EXTINCTION,
-                         int entry) {
-    const Beam beam = beam_at(light, p);
-    int last;
-    REAL solid;
-    const REAL4 tau = optical_depth(p, beam, dims, block, brick, cut_index, boundary, normal, centroid,
-                                    EXTINCTION_ARGUMENTS, &last, &solid);
-    REAL4 F = beam_strength(strength, light, beam, h) * exp(-tau);
-    if (last >= 0) entry = last;
-    if (eta != 1 && entry >= 0) {
-        const REAL4 n = normal[entry];
-        const REAL size = length(n);
-        const REAL mu = size > 0 ? fabs(dot(n.xyz, beam.towards.xyz)) / size : 1;
-        F *= transmittance(fmin(mu, (REAL)1), eta);
+/* Add a length inside to the optical depths; where these exceed what matters, the ray need not go on. */
+void attenuate(const Body body, const Reals length, const Ints code, const REALN distance, Reals *t, Passage *met) {
+    met->solid.all += length.all;
+#ifdef HETEROGENEOUS
+    for (int l = 0; l < LANES; l++) {
+        if (!(length.at[l] > 0)) continue;
+        const int c = code.at[l];
+        met->tau[l] += body.extinction[body.depth_start[c & 15] + (c >> 4)] * length.at[l];
+        if (all(met->tau[l] > OPAQUE)) t->at[l] = INFINITY;
     }
-    return F;
+#else
+    const REAL least = fmin(body.extinction.x, fmin(body.extinction.y, body.extinction.z));
+    t->all = select(t->all, distance, met->solid.all * least > OPAQUE);
+#endif
+}
+
+Passage march(const Body body, Rays rays) {
+    Axis *axis = rays.axis;
+    start(&rays, body.dims);
+    Passage met;
+    met.entry.all = (INTN)(-1);
+    met.solid.all = (REALN)(0);
+    for (int l = 0; l < LANES; l++) met.tau[l] = (REAL4)(0);
+    Reals t;
+    t.all = (REALN)(0);
+    while (SOME(convert_INTN(t.all < rays.distance.all))) {
+        Ints place, kind, code;
+        Reals end, length;
+        place.all = place_of(body.dims, axis[0].cell.all, axis[1].cell.all, axis[2].cell.all);
+        look_around(body, axis, place, &kind, &code);
+        const REALN least = way_out(axis);
+        end.all = lesser(rays.distance.all, greater(t.all, least));
+        length.all = greater(end.all - t.all, (REALN)(0)) * convert_REALN(kind.all >> 7);
+        if (SOME(kind.all == 0)) cross_cut_cells(body, &rays, place, kind, t, end, &length, &code, &met);
+        t = end;
+        attenuate(body, length, code, rays.distance.all, &t, &met);
+        const INTN on = convert_INTN(t.all < rays.distance.all);
+        for (int a = 0; a < 3; a++) {
+            const INTN beyond = select(axis[a].low - 1, axis[a].high + 1, convert_INTN(axis[a].inverse > 0));
+            const INTN at = convert_INTN(axis[a].from.all + t.all * axis[a].to.all);
+            const INTN next = select(clamp(at, axis[a].low, axis[a].high), beyond, convert_INTN(axis[a].leave <= least));
+            axis[a].cell.all = select(axis[a].cell.all, next, on);
+        }
+    }
+#ifndef HETEROGENEOUS
+    for (int l = 0; l < LANES; l++) met.tau[l] = body.extinction * met.solid.at[l];
+#endif
+    return met;
 }

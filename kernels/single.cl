@@ -7,8 +7,11 @@
  */
 #include "real.h"
 #include "tree.h"
+#include "lanes.h"
+#include "body.h"
 #include "beam.h"
 #include "ray.h"
+#include "irradiance.h"
 
 #ifdef HETEROGENEOUS
 #define SCATTERING __global const REAL4 *restrict scattering
@@ -26,42 +29,46 @@ REAL henyey_greenstein(const REAL mu, const REAL g) {
 /* Radiance leaving point i in its direction `out` (unit, outwards), added to the sum for other lights. */
 // cost scattered_once: 20R B, 40000 flop
 __kernel void scattered_once(const int n, const int n_depths, const REAL h, const REAL eta, const REAL g,
-                             const REAL rate, const REAL4 light, const REAL4 strength, const int4 dims,
-                             __global const int *restrict block, __global const int *restrict brick,
-                             __global const int *restrict cut_index, __global const REAL4 *restrict boundary,
-                             __global const REAL4 *restrict normal, __global const REAL4 *restrict centroid,
-                             EXTINCTION, SCATTERING, __global const REAL4 *restrict points,
-                             __global const REAL4 *restrict normals, __global const REAL4 *restrict out,
-                             __global REAL4 *restrict radiance) {
+                             const REAL rate, const REAL4 light, const REAL4 strength, BODY, SCATTERING,
+                             __global const REAL4 *restrict points, __global const REAL4 *restrict normals,
+                             __global const REAL4 *restrict out, __global REAL4 *restrict radiance) {
     const int i = get_global_id(0);
     if (i >= n) return;
     const REAL4 n_i = normals[i], w = out[i], p = points[i];
     const REAL mu = dot(w.xyz, n_i.xyz);
     if (!(mu > 0)) return;
+    const Body body = BODY_ARGUMENTS;
     /* Snell: the same ray inside, turned towards the normal */
     const REAL inner = sqrt(fmax((REAL)0, 1 - (1 - mu * mu) / (eta * eta)));
     const REAL4 inside = (w - mu * n_i) / eta + inner * n_i;
-    Beam back = {-inside, (REAL)0};
     REAL4 sum = (REAL4)(0);
-    for (int k = 0; k < n_depths; k++) {
-        const REAL u = (k + (REAL)0.5) / n_depths, s = -log(1 - u) / rate;
-        REAL4 x = p - s * inside;
-        x.w = 0;
-        const int4 c = convert_int4(floor(x));
-        const int code = leaf_code(dims, block, brick, c.x, c.y, c.z);
-        if (code < 0) continue;
-        const int cut = code & 15 ? -1 : cut_index[code >> 4];
-        if (cut >= 0 && dot((x - convert_REAL4(c) - boundary[cut]).xyz, normal[cut].xyz) > 0) continue;
-        back.distance = s;
-        int entry;
-        REAL solid;
-        const REAL4 tau = optical_depth(p, back, dims, block, brick, cut_index, boundary, normal, centroid,
-                                        EXTINCTION_ARGUMENTS, &entry, &solid);
-        if (solid < s - 1) continue; /* what lies beyond a gap is another part's light */
-        const REAL4 F = reduced_irradiance(x, h, eta, light, strength, dims, block, brick, cut_index, boundary, normal,
-                                           centroid, EXTINCTION_ARGUMENTS, -1);
-        const REAL turn = -dot(beam_at(light, x).towards.xyz, inside.xyz);
-        sum += SCATTERING_OF(code) * F * exp(rate * s - tau) * (henyey_greenstein(turn, g) / (rate * n_depths));
+    for (int first = 0; first < n_depths; first += LANES) {
+        Beam beam[LANES];
+        Rays back, on;
+        int code[LANES];
+        for (int l = 0; l < LANES; l++) {
+            const REAL u = fmin((first + l + (REAL)0.5) / n_depths, 1 - (REAL)0.5 / n_depths), s = -log(1 - u) / rate;
+            REAL4 x = p - s * inside;
+            x.w = 0;
+            const int4 c = convert_int4(floor(x));
+            code[l] = first + l < n_depths ? leaf_code(dims, block, brick, c.x, c.y, c.z) : -1;
+            const int cut = code[l] < 0 || code[l] & 15 ? -1 : cut_index[code[l] >> 4];
+            if (cut >= 0 && dot((x - convert_REAL4(c) - boundary[cut]).xyz, normal[cut].xyz) > 0) code[l] = -1;
+            beam[l] = beam_at(light, x);
+            set_ray(&on, l, x, beam[l]);
+            const Beam own = {-inside, s};
+            set_ray(&back, l, p, own);
+            if (code[l] < 0) on.distance.at[l] = back.distance.at[l] = 0;
+        }
+        const Passage from = march(body, back), to = march(body, on);
+        for (int l = 0; l < LANES; l++) {
+            const REAL s = back.distance.at[l];
+            if (code[l] < 0 || from.solid.at[l] < s - 1) continue; /* beyond a gap is another part's light */
+            const REAL4 F = reduced_irradiance(body, h, eta, light, strength, beam[l], to.tau[l], to.entry.at[l]);
+            const REAL turn = -dot(beam[l].towards.xyz, inside.xyz);
+            sum += SCATTERING_OF(code[l]) * F * exp(rate * s - from.tau[l]) *
+                   (henyey_greenstein(turn, g) / (rate * n_depths));
+        }
     }
     const REAL passes = eta == 1 ? 1 : transmittance(mu, eta) / (eta * eta);
     radiance[i] += passes * sum;

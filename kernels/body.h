@@ -1,0 +1,58 @@
+/* body.h -- what rays run through: leaves, cut cells, and what the medium takes from light; lengths in cells.
+ *
+ * Cut cells count up to the plane of their boundary; cavities and gaps hold no leaves and attenuate nothing. The
+ * extinction is per cell width. Needs real.h and lanes.h.
+ */
+#ifdef HETEROGENEOUS
+#define EXTINCTION __global const REAL4 *restrict extinction, __global const int *restrict depth_start
+#define EXTINCTION_MEMBERS __global const REAL4 *restrict extinction; __global const int *restrict depth_start;
+#define EXTINCTION_ARGUMENTS extinction, depth_start
+#else
+#define EXTINCTION const REAL4 extinction
+#define EXTINCTION_MEMBERS REAL4 extinction;
+#define EXTINCTION_ARGUMENTS extinction
+#endif
+
+/* A kernel's parameters, and `const Body body = BODY_ARGUMENTS;` */
+#define BODY \
+    const int4 dims, __global const int *restrict block, __global const int *restrict brick, \
+        __global const uchar *restrict clearance, __global const int *restrict cut_index, \
+        __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal, \
+        __global const REAL4 *restrict centroid, EXTINCTION
+#define BODY_ARGUMENTS {dims, block, brick, clearance, cut_index, boundary, normal, centroid, EXTINCTION_ARGUMENTS}
+
+typedef struct {
+    int4 dims;
+    __global const int *restrict block, *restrict brick;
+    __global const uchar *restrict clearance;
+    __global const int *restrict cut_index;
+    __global const REAL4 *restrict boundary, *restrict normal, *restrict centroid;
+    EXTINCTION_MEMBERS
+} Body;
+
+/* Place of a cell in blocks of 8x8x8, all of them. */
+INTN place_of(const int4 dims, const INTN x, const INTN y, const INTN z) {
+    const INTN block = ((z >> 3) * (dims.y >> 3) + (y >> 3)) * (dims.x >> 3) + (x >> 3);
+    return block * 512 + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7);
+}
+
+/* Code of the leaf at a place (tree.h). */
+int code_at(const Body body, const int place) {
+    const int b = body.block[place >> 9];
+    return b < 0 ? -2 - b : body.brick[512 * b + (place & 511)];
+}
+
+/* Share of a ray between heights s0 and s1 over a plane that lies below it. */
+REAL share_below(const REAL s0, const REAL s1) {
+    const REAL low = s0 < s1 ? s0 : s1, high = s0 < s1 ? s1 : s0, rise = high - low;
+    const REAL share = -low / (rise > (REAL)1e-30 ? rise : (REAL)1e-30);
+    return share < 0 ? 0 : share < 1 ? share : 1;
+}
+
+/* Share inside cut cell `cut` of the ray p + s dir, s from t to end; p from the cell's corner. */
+REAL share_inside(const Body body, const int cut, const REAL4 p, const REAL4 dir, const REAL t, const REAL end) {
+    const REAL4 n = body.normal[cut], b = body.boundary[cut];
+    if (dot(n, n) < (REAL)0.25 * b.w * b.w) return body.centroid[cut].w; /* two sheets have no one plane */
+    const REAL height = dot((p - b).xyz, n.xyz), rise = dot(dir.xyz, n.xyz);
+    return share_below(height + t * rise, height + end * rise);
+}
