@@ -26,17 +26,33 @@ REAL4 carried(const REAL g, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s, const int 
     return albedo(sigma_a, sigma_s, i) + 3 * g * AT(D, i) * AT(sigma_s, i);
 }
 
-/* omega . e_out for face f of the cell at `corner` with `width` (cells of the finest grid). */
-REAL outward(const REAL4 light, const REAL4 corner, const REAL width, const int f) {
+/* Unit vector to the light from the middle of face f of the cell at `corner`, `width` cells of the finest grid wide. */
+REAL4 towards_light(const REAL4 light, const REAL4 corner, const REAL width, const int f) {
     const int axis = f >> 1, up = f & 1;
     REAL4 p = corner + width / 2;
     if (axis == 0) p.x = corner.x + up * width;
     if (axis == 1) p.y = corner.y + up * width;
     if (axis == 2) p.z = corner.z + up * width;
     p.w = 0;
-    const REAL4 to = beam_at(light, p).towards;
-    const REAL along = axis == 0 ? to.x : axis == 1 ? to.y : to.z;
-    return up ? -along : along;
+    return beam_at(light, p).towards;
+}
+
+/* omega . e_out for face f. */
+REAL outward(const REAL4 towards, const int f) {
+    const int axis = f >> 1;
+    const REAL along = axis == 0 ? towards.x : axis == 1 ? towards.y : towards.z;
+    return f & 1 ? -along : along;
+}
+
+/* F of a cell carried by tau (cells) within a face: light that enters through the boundary of a cut cell falls with the
+ * depth under it, and is nowhere more than what enters. Where it grazes, other cells let it in. */
+REAL4 carried_along(const REAL4 F, const int cut, const REAL4 tau, const REAL4 towards, const REAL4 extinction,
+                    __global const REAL4 *restrict normal, __global const REAL4 *restrict F_B) {
+    if (cut < 0) return F;
+    const REAL4 n = unit_normal(normal[cut]);
+    const REAL mu = dot(towards.xyz, n.xyz);
+    if (mu <= 0) return F;
+    return fmin(F * exp(extinction * (dot(tau.xyz, n.xyz) / fmax(mu, (REAL)0.1))), fmax(F_B[cut], F));
 }
 
 /* Q on the finest level. */
@@ -58,16 +74,22 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f], up = f & 1;
         if (j == i) continue;
+        const REAL4 towards = towards_light(light, corner, 1, f);
         REAL area = 1;
-        REAL4 other = (REAL4)(0);
+        REAL4 other = (REAL4)(0), F_i = F[i], F_j = F[j];
         if (j < n) {
             const int c = cut_index[j];
-            area = face_between(f >> 1, up ? cut : c, up ? c : cut, centroid, aperture, face_centroid).area;
+            const Face face = face_between(f >> 1, up ? cut : c, up ? c : cut, centroid, aperture, face_centroid);
+            area = face.area;
+            F_i = carried_along(F_i, cut, up ? face.tau_low : face.tau_high, towards,
+                                h * (AT(sigma_a, i) + AT(sigma_s, i)), normal, F_B);
+            F_j = carried_along(F_j, c, up ? face.tau_high : face.tau_low, towards,
+                                h * (AT(sigma_a, j) + AT(sigma_s, j)), normal, F_B);
             other = carried(g, D, sigma_a, sigma_s, j);
         } else {
             other = carried(g, D_coarse, sigma_a_coarse, sigma_s_coarse, parent[j]);
         }
-        sum -= area * outward(light, corner, 1, f) * (own + other) / 2 * log_mean(F[i], F[j]);
+        sum -= area * outward(towards, f) * (own + other) / 2 * log_mean(F_i, F_j);
     }
     if (cut >= 0) {
         REAL4 p = corner + boundary[cut];
@@ -95,7 +117,7 @@ __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int 
         if (j == i || (j < n && !is_leaf[j])) continue;
         const REAL4 other = j < n ? carried(g, D, sigma_a, sigma_s, j)
                                   : carried(g, D_coarse, sigma_a_coarse, sigma_s_coarse, parent[j]);
-        sum -= outward(light, corner, width, f) * (own + other) / 2 * log_mean(F[i], F[j]);
+        sum -= outward(towards_light(light, corner, width, f), f) * (own + other) / 2 * log_mean(F[i], F[j]);
     }
     Q[i] += h * h * sum;
 }
@@ -117,7 +139,7 @@ __kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine
         const REAL4 corner = width * convert_REAL4(vload4(i, position_fine));
         const REAL4 a = (carried(g, D_fine, sigma_a_fine, sigma_s_fine, i) +
                          carried(g, D, sigma_a, sigma_s, interface[m])) / 2;
-        sum += outward(light, corner, width, f) * a * log_mean(F_fine[i], F_fine[n_fine + k]);
+        sum += outward(towards_light(light, corner, width, f), f) * a * log_mean(F_fine[i], F_fine[n_fine + k]);
     }
     Q[interface[m]] += h_fine * h_fine * sum;
 }

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cases
 import numpy as np
 import pytest
-from shapes import ROTATION, box, box_triangles, build_tree, hollow_sphere, merge_all, solid, sphere
+from shapes import ROTATION, box, box_triangles, build_tree, hollow_sphere, merge_all, solid, solve, sphere
 
-from clsss import diffusion
+from clsss import analytic, diffusion
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_transmittance
 from clsss.source import Beams, light_unit, make_source
@@ -251,3 +251,20 @@ def test_units_of_lights():
     assert light_unit([PointLight((0, 0, 1), 50.0)], 10.0) == 0.5
     assert light_unit([Emission(2.0)], 10.0) == 20.0
     assert light_unit([DirectionalLight((0, 0, 1), 0.0)], 10.0) == 1.0
+
+
+@pytest.mark.parametrize(("sigma_h", "albedo", "mean", "rms"), [(2.0, 0.99, 0.01, 0.015), (5.0, 0.999, 0.005, 0.01)])
+def test_lit_side_of_a_tilted_plate(double, sigma_h, albedo, mean, rms):
+    """phi_B at the boundary centroids against the slab's exact solution."""
+    size, resolution, eta = np.array([40.0, 40.0, 12.0]), 40, 1.3
+    mesh = box(tuple(size), ROTATION)
+    sigma = sigma_h * resolution / mesh.size
+    medium, inward = Material(sigma * (1 - albedo), sigma * albedo, eta=eta), -ROTATION[:, 2]
+    solved = solve(double, mesh, medium, [DirectionalLight(inward)], resolution, 1e-7)
+    points, normals = boundary_points(solved.tree)
+    middle = (np.abs((points @ ROTATION)[:, :2]) < 6).all(axis=1) & (normals @ inward < -0.99)
+    exact = analytic.slab(size[2], sigma * (1 - albedo), sigma * albedo, fresnel_A=fresnel_A(eta)).phi(0.0)
+    error = solved.phi_B[middle, 0] / (fresnel_transmittance(1.0, eta) * exact) - 1
+    area = solved.tree.cut.boundary.get()[middle, 3]
+    assert abs(np.average(error, weights=area)) <= mean
+    assert np.sqrt(np.average(error**2, weights=area)) <= rms
