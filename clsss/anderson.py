@@ -41,11 +41,11 @@ class Follower(Protocol):
 
     state: np.ndarray  # (p, 3), affine in the solution
 
-    def update(self, phi: Field) -> float:
-        """Advance `state` by one step, for a complete `phi`; how far it moved, relative to its size."""
+    def update(self) -> float:
+        """Advance `state` by one step, for a complete solution; how far it moved, relative to its size."""
 
     def adjust(self, residual: Field) -> None:
-        """Add its part of the right-hand side to a residual."""
+        """Enqueue to add the part of the right-hand side that the last update found to a residual."""
 
 
 class Anderson:

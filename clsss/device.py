@@ -9,6 +9,7 @@ import functools
 import os
 import re
 import time
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,7 @@ if not KERNEL_DIR.is_dir():
 # Files that are built as one program: a driver takes longer to load a program than to hold some kernels more.
 TOGETHER = (
     ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
-     "surface"),
+     "exchange", "surface"),
     ("coefficients", "gradient", "smooth", "residual", "restrict", "source", "attenuate"),
 )  # fmt: skip
 ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
@@ -118,25 +119,31 @@ class Buffer:
         self.device.allocated -= getattr(self, "_owned", 0)
 
 
-class _Launch:
-    """A kernel with arguments of its own, to be enqueued many times."""
+class _Prepared:
+    """A kernel with its numbers set."""
 
-    def __init__(self, kernel: Any, size: tuple[int], group: tuple[int], arguments: list[Any]):
-        self.kernel, self.size, self.group, self.arguments = kernel, size, group, arguments
-        values = (a.tobytes() if isinstance(a, (np.generic, np.ndarray)) else a for a in arguments)
-        self.key = (kernel, size, group, *values)
-
-    def prepare(self) -> None:
-        """Set the arguments."""
+    def __init__(self, kernel: Any, numbers: list[tuple[int, Any]]):
         import pyopencl as cl
 
-        self.kernel = cl.Kernel(self.kernel.program, self.kernel.function_name)
-        self.kernel.set_args(*self.arguments)
-        self._enqueue = cl.enqueue_nd_range_kernel
+        self.kernel = cl.Kernel(kernel.program, kernel.function_name)
+        for index, value in numbers:
+            self.kernel.set_arg(index, value)
+
+
+class _Launch:
+    """A launch to be repeated. Setting numbers costs the host far more than setting buffers and enqueueing."""
+
+    def __init__(self, prepared: _Prepared, size: int, group: int, buffers: list[tuple[int, Any]]):
+        import pyopencl as cl
+
+        self.prepared, self.kernel, self.buffers = prepared, prepared.kernel, buffers
+        self.size, self.group, self.enqueue = (size,), (group,), cl.enqueue_nd_range_kernel
 
     def __call__(self, queue: Any) -> None:
         """Enqueue it."""
-        self._enqueue(queue, self.kernel, self.size, self.group)
+        for index, data in self.buffers:
+            self.kernel.set_arg(index, data)
+        self.enqueue(queue, self.kernel, self.size, self.group)
 
 
 class Device:
@@ -187,6 +194,7 @@ class Device:
         self._programs: dict[tuple[str, tuple[str, ...]], Any] = {}
         self._kernels: dict[tuple[str, str, tuple[str, ...]], Any] = {}
         self._captured: list[Callable[[Any], Any]] | None = None
+        self._prepared: weakref.WeakValueDictionary[Any, _Prepared] = weakref.WeakValueDictionary()
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         import pyopencl as cl
@@ -250,11 +258,16 @@ class Device:
         if n <= 0:
             return
         group = group or min(64, 1 << max(0, (n - 1).bit_length()))
-        size, converted = (-(-n // group) * group,), [self._argument(a) for a in arguments]
+        size, converted = -(-n // group) * group, [self._argument(a) for a in arguments]
         if self._captured is None:
-            kernel(self.queue, size, (group,), *converted)
-        else:
-            self._captured.append(_Launch(kernel, size, (group,), converted))
+            kernel(self.queue, (size,), (group,), *converted)
+            return
+        numbers = [(i, a) for i, a in enumerate(converted) if isinstance(a, (np.generic, np.ndarray))]
+        key = (kernel, *((i, a.tobytes()) for i, a in numbers))
+        prepared = self._prepared.get(key) or _Prepared(kernel, numbers)
+        self._prepared[key] = prepared
+        buffers = [(i, a) for i, a in enumerate(converted) if not isinstance(a, (np.generic, np.ndarray))]
+        self._captured.append(_Launch(prepared, size, group, buffers))
 
     def enqueue(self, command: Callable[[Any], Any]) -> None:
         """Call `command` with the queue, or note it where commands are captured."""
@@ -266,18 +279,14 @@ class Device:
     def capture(self, work: Callable[[], Any]) -> Callable[[], None]:
         """What `work` enqueues, to be enqueued again and again; nothing runs yet.
 
-        Arguments are converted and set once, which is most of what a launch costs the host. `work` must not read back.
+        Arguments are converted once, which is most of what a launch costs the host. `work` must not read back.
         """
-        self._captured = []
+        commands: list[Callable[[Any], Any]] = []
+        self._captured = commands
         try:
             work()
-            launches: dict[Any, Any] = {}
-            commands = [launches.setdefault(getattr(c, "key", c), c) for c in self._captured]
         finally:
             self._captured = None
-        for launch in launches.values():
-            if isinstance(launch, _Launch):
-                launch.prepare()
 
         def replay() -> None:
             for command in commands:

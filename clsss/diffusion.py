@@ -74,7 +74,7 @@ class Operator:
     inverse : (n_cut, 6, 4) real, device
         Pseudo-inverses of the gradients' normal equations.
     around : (n_cut, 27) int32, device
-        The finest cells around each cut cell, x fastest; -1: none.
+        The finest cells around each cut cell, x fastest; itself where there is none.
     slope : (n_cut, 3, 4) real, device
         Gradients of the last field that a residual was taken of, per cell width.
     """
@@ -230,20 +230,17 @@ class Residual:
             octree.cut_index, cut.centroid, cut.boundary, cut.normal, op.inverse, self.wall, phi[-1],
             op.slope)  # fmt: skip
 
-    def __call__(self, phi: Field, b: Field, r: Field, completed: bool = False) -> None:
+    def __call__(self, phi: Field, b: Field, r: Field) -> None:
         """Overwrite `r` with b - A_h phi on the leaves, zero on covered cells.
 
         Parameters
         ----------
         phi : Field
-            Fluence [W/mm^2]; its covered cells and ghosts are filled.
+            Fluence [W/mm^2]; it is completed.
         b, r : Field
             Right-hand side and residual, integrated over cells, in the scale of the operator.
-        completed : bool
-            `complete` has been called since `phi` changed.
         """
-        if not completed:
-            self.complete(phi)
+        self.complete(phi)
         run, op, octree, levels = self.device.run, self.op, self.op.octree, self.op.octree.levels
         finest, cut, T = levels[-1], octree.cut, op.T
         run(self._residual, finest.n, finest.n, finest.nbr, T[-1], op.absorb[-1], b[-1], phi[-1], r[-1])
@@ -257,16 +254,19 @@ class Residual:
             octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid, T[-1],
             op.slope, phi[-1], r[-1])  # fmt: skip
 
-    def boundary_value(self, phi: Field, moment: Buffer, completed: bool = False) -> Buffer:
+    def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
         """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].
 
-        `moment` (n_cut, 4) is the source's first moment between the centroid and the surface; `completed` as above.
+        `moment` (n_cut, 4) is the source's first moment between the centroid and the surface.
         """
-        if not completed:
-            self.complete(phi)
+        self.complete(phi)
+        phi_B = self.device.empty((self.op.octree.cut.n, CHANNELS))
+        self.take_boundary_value(phi, moment, phi_B)
+        return phi_B
+
+    def take_boundary_value(self, phi: Field, moment: Buffer, phi_B: Buffer) -> None:
+        """As `boundary_value`, for a complete `phi`, into `phi_B`."""
         op, cut = self.op, self.op.octree.cut
-        phi_B = self.device.empty((cut.n, CHANNELS))
         self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D[-1],
                         cut.cell, cut.centroid, cut.boundary, cut.normal, op.slope, moment, phi[-1],
                         phi_B)  # fmt: skip
-        return phi_B

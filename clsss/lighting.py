@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import Coefficients, Field, Residual, cell_points, channels
+from clsss.diffusion import CHANNELS, Coefficients, Field, Residual, cell_points, channels
 from clsss.exchange import Exchange
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
@@ -22,9 +23,19 @@ from clsss.octree import Octree
 from clsss.rays import RayCaster
 from clsss.single import exitance_once
 from clsss.source import Source, light_unit, make_source, subtract_moment
+from clsss.sparsematrix import SparseMatrix
 from clsss.surface import boundary_points
 
 Progress = Callable[[str, float], None]
+
+
+class Transport(NamedTuple):
+    """The matrices of an `Exchange`, on the device."""
+
+    share: SparseMatrix
+    blend: SparseMatrix
+    arriving: SparseMatrix
+    entering: SparseMatrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +52,13 @@ class Scene:
     split: bool  # whether light scattered once is traced on its own
     tolerance: float
     bytes_before: int  # that other results held on the device
+
+    @cached_property
+    def transport(self) -> Transport:
+        """The exchange's matrices on the device."""
+        assert self.exchange is not None
+        matrices = (self.exchange.share, self.exchange.blend, self.exchange.arriving, self.exchange.entering)
+        return Transport(*(SparseMatrix(self.device, matrix) for matrix in matrices))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +96,9 @@ class Solution:
 
 def boundary_flux(residual: Residual, phi: Field, moment: Buffer) -> np.ndarray:
     """J.n (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
-    values = residual.boundary_value(phi, moment, completed=True).get()
-    return values[:, :3].astype(float) / (2 * residual.op.medium.fresnel_A)
+    phi_B = residual.device.empty(moment.shape)
+    residual.take_boundary_value(phi, moment, phi_B)
+    return phi_B.get()[:, :3].astype(float) / (2 * residual.op.medium.fresnel_A)
 
 
 class Interreflection:
@@ -88,42 +107,46 @@ class Interreflection:
     Its state is B (p, 3), all light that leaves each patch: B <- J.n + F B.
     """
 
-    def __init__(self, scene: Scene, source: Source):
+    def __init__(self, scene: Scene, source: Source, phi: Field):
         assert scene.exchange is not None
-        self.scene, self.exchange = scene, scene.exchange
-        self.state = np.zeros((scene.exchange.share.shape[0], 3))
-        self.r_B = source.moment.get()
-        self.moment = scene.device.array(self.r_B)
+        self.scene, self.exchange, self.r_B, device = scene, scene.exchange, source.moment, scene.device
+        n = scene.exchange.share.shape[0]
+        self.state = np.zeros((n, 3))
+        self._last, self._next, self._arriving = (device.empty((n, CHANNELS)) for _ in range(3))
+        self._moment, self._phi_B = device.empty(self.r_B.shape), device.empty(self.r_B.shape)
+        self._update = device.capture(lambda: self._enqueue_update(phi))
 
-    @property
-    def entering(self) -> np.ndarray:
-        """H_t (n_cut, 3), what the boundary of each cut cell lets in."""
-        return self.exchange.blend @ (self.exchange.entering @ self.state)
+    def _enter(self, B: Buffer, plus: Buffer | None) -> None:
+        """Overwrite the moment with -gain H_t, what the boundary lets in of B, and `plus`."""
+        transport = self.scene.transport
+        transport.entering.multiply(1, B, self._arriving)
+        transport.blend.multiply(-self.exchange.gain, self._arriving, self._moment, plus)
 
-    def update(self, phi: Field) -> float:
+    def _enqueue_update(self, phi: Field) -> None:
+        transport, residual = self.scene.transport, self.scene.multigrid.residual
+        self._enter(self._last, self.r_B)
+        residual.take_boundary_value(phi, self._moment, self._phi_B)
+        transport.arriving.multiply(1, self._last, self._arriving)
+        transport.share.multiply(1 / (2 * self.scene.medium.fresnel_A), self._phi_B, self._next, self._arriving)
+
+    def update(self) -> float:
         """One step of the exchange; how far B moved, relative to its size."""
-        self._set_moment()
-        flux = boundary_flux(self.scene.multigrid.residual, phi, self.moment)
-        last, self.state = self.state, self.exchange.share @ flux + self.exchange.arriving @ self.state
+        self._last.set(channels(self.state))
+        self._update()
+        last, self.state = self.state, self._next.get()[:, :3].astype(float)
         size = np.linalg.norm(self.state, axis=0)
         return float((np.linalg.norm(self.state - last, axis=0) / np.where(size > 0, size, 1)).max())
 
     def adjust(self, residual: Field) -> None:
         """Add C_B gain H_t to the residual of the cut cells."""
-        scene = self.scene
-        part = np.zeros_like(self.r_B)
-        part[:, :3] = -self.exchange.gain * self.entering
-        subtract_moment(scene.device, scene.octree, scene.medium, scene.device.array(part), residual[-1])
-
-    def _set_moment(self) -> None:
-        moment = self.r_B.copy()
-        moment[:, :3] -= self.exchange.gain * self.entering
-        self.moment.set(moment)
+        self._enter(self._next, None)
+        subtract_moment(self.scene.device, self.scene.octree, self.scene.medium, self._moment, residual[-1])
 
     def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
         """J.n and H_t (n_cut, 3) at the boundary of the cut cells."""
-        self._set_moment()
-        return boundary_flux(self.scene.multigrid.residual, phi, self.moment), self.entering
+        self._enter(self._next, self.r_B)
+        flux = boundary_flux(self.scene.multigrid.residual, phi, self._moment)
+        return flux, self.exchange.blend @ (self.exchange.entering @ self.state)
 
 
 def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
@@ -155,7 +178,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     with timed("solve", seconds, tell):
         scene.multigrid.residual.wall = source.wall
         phi = Field(device, octree)
-        follower = Interreflection(scene, source) if scene.exchange else None
+        follower = Interreflection(scene, source, phi) if scene.exchange else None
         if last is not None:
             scene.multigrid.combine(last.unit / unit, last.phi, 0, phi)
             if follower:

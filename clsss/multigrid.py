@@ -79,7 +79,9 @@ class Multigrid:
         self._coarsest = device.kernel("coarsest", "solve_coarsest")
         self._combine = device.kernel("reduce", "combine")
         self._inverse = self._invert_coarsest()
+        # of the last solve: kernels of one scene are the same for all
         self._cycle: Callable[[], None] | None = None
+        self._take_residual: Callable[[], None] | None = None
 
     def _invert_coarsest(self) -> Buffer:
         level = self.op.octree.levels[0]
@@ -168,17 +170,16 @@ class Multigrid:
         scale = np.sqrt(self.inner_product(b, b))
         lit = scale > 0
         r, capture, top = self.r, self.device.capture, len(self.e) - 1
-        complete = capture(lambda: self.residual.complete(phi))
-        take_residual = capture(lambda: self.residual(phi, b, r, completed=True))
+        self._take_residual = capture(lambda: self.residual(phi, b, r))
+        adjust = capture(lambda: follower.adjust(r)) if follower else None
         self._cycle = self._cycle or capture(lambda: self.v_cycle(top))
         anderson = Anderson(self.device, phi, r, follower) if follower else None
         residuals: list[np.ndarray] = []
         while True:
-            complete()
-            moving = follower.update(phi) if follower else 0.0
-            take_residual()
-            if follower:
-                follower.adjust(r)
+            self._take_residual()
+            moving = follower.update() if follower else 0.0
+            if adjust:
+                adjust()
             square = anderson.measure() if anderson else self.inner_product(r, r)
             residuals.append(np.where(lit, np.sqrt(square) / np.where(lit, scale, 1), 0))
             history = [float(r.max()) for r in residuals]

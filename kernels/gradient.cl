@@ -93,7 +93,7 @@ __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, 
             for (int dx = -1; dx <= 1; dx++) {
                 const int code = leaf_code(dims, block, brick, p.x + dx, p.y + dy, p.z + dz);
                 const int known = code >= 0 && !(code & 15) && !(dx == 0 && dy == 0 && dz == 0);
-                around[27 * c + 9 * dz + 3 * dy + dx + 13] = known ? code >> 4 : -1;
+                around[27 * c + 9 * dz + 3 * dy + dx + 13] = known ? code >> 4 : i;
                 if (!known) continue;
                 const REAL4 other = cell_centroid(cut_index[code >> 4], centroid);
                 const REAL4 d = (other + (REAL4)(dx, dy, dz, 0) - own) * (REAL4)(1, 1, 1, 0);
@@ -137,30 +137,28 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
-    const REAL4 own = centroid[c] * (REAL4)(1, 1, 1, 0), value = x[i];
+    const REAL4 own = centroid[c], value = x[i];
     REAL4 sx = (REAL4)(0), sy = (REAL4)(0), sz = (REAL4)(0);
+    __global const int *restrict row = around + 27 * c;
     for (int dz = -1; dz <= 1; dz++)
         for (int dy = -1; dy <= 1; dy++)
             for (int dx = -1; dx <= 1; dx++) {
-                const int j = around[27 * c + 9 * dz + 3 * dy + dx + 13];
-                if (j < 0) continue;
-                const REAL4 other = cell_centroid(cut_index[j], centroid);
+                const int j = *row++, cut = cut_index[j];
+                const REAL4 kept = centroid[max(cut, 0)];
+                const REAL4 other = cut < 0 ? (REAL4)(0.5, 0.5, 0.5, 1) : kept;
                 const REAL4 d = (other + (REAL4)(dx, dy, dz, 0) - own) * (REAL4)(1, 1, 1, 0);
                 const REAL4 rise = row_weight2(d, other.w) * (x[j] - value);
                 sx += d.x * rise;
                 sy += d.y * rise;
                 sz += d.z * rise;
             }
-    const REAL4 offset = (boundary[c] - centroid[c]) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
-    const REAL4 beyond = value - 2 * fresnel_A * wall[c];
-    REAL *restrict px = (REAL *)&sx, *restrict py = (REAL *)&sy, *restrict pz = (REAL *)&sz;
-    for (int channel = 0; channel < 3; channel++) {
-        const REAL4 row = boundary_row(offset, nrm, boundary[c].w, component(AT(D, i), channel) / h, fresnel_A);
-        const REAL right = row.w * component(beyond, channel);
-        px[channel] += row.x * right;
-        py[channel] += row.y * right;
-        pz[channel] += row.z * right;
-    }
+    const REAL4 offset = (boundary[c] - own) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
+    const REAL4 D_over_h = AT(D, i) / h, across = offset / (2 * fresnel_A);
+    const REAL4 scale = fmin(boundary[c].w, (REAL)1) / (D_over_h + length(across));
+    const REAL4 right = -scale * scale / (2 * fresnel_A) * (value - 2 * fresnel_A * wall[c]);
+    sx += right * (D_over_h * nrm.x + across.x);
+    sy += right * (D_over_h * nrm.y + across.y);
+    sz += right * (D_over_h * nrm.z + across.z);
     __global const REAL4 *restrict r = inverse + 6 * (size_t)c;
     slope[3 * c] = r[0] * sx + r[3] * sy + r[4] * sz;
     slope[3 * c + 1] = r[3] * sx + r[1] * sy + r[5] * sz;

@@ -27,7 +27,7 @@ LAYERS = {
         "pointtree",
         "bvh",
     ],
-    0.1: ["media", "lights", "rays", "options", "opengl", "overlay", "winding", "tomlfile", "paint"],
+    0.1: ["sparsematrix", "media", "lights", "rays", "options", "opengl", "overlay", "winding", "tomlfile", "paint"],
     0.2: ["repair", "scene", "doctor"],
     0.3: ["mesh"],
     0.4: ["validity", "volumes"],

@@ -1,0 +1,15 @@
+/* exchange.cl -- what parts of the surface send to one another: products with sparse matrices, one row a work-item. */
+#include "real.h"
+
+/* y = scale A x, plus z where `added`. */
+// cost sparse_product: 38R+28 B, 56 flop
+__kernel void sparse_product(const int n, const int added, const REAL scale, __global const int *restrict start,
+                             __global const int *restrict column, __global const REAL *restrict value,
+                             __global const REAL4 *restrict x, __global const REAL4 *restrict z,
+                             __global REAL4 *restrict y) {
+    const int i = get_global_id(0);
+    if (i >= n) return;
+    REAL4 sum = (REAL4)(0);
+    for (int k = start[i]; k < start[i + 1]; k++) sum += value[k] * x[column[k]];
+    y[i] = scale * sum + (added ? z[i] : (REAL4)(0));
+}
