@@ -22,7 +22,7 @@ from clsss.mesh import Mesh, RayCaster, contains
 from clsss.multigrid import Multigrid
 from clsss.refinement import Refine, varies
 from clsss.single import radiance_once
-from clsss.surface import fluence_at
+from clsss.surface import values_at
 from clsss.validity import ConvergenceWarning
 
 STAGES = ("device", "cut cells", "octree", "exchange", "source", "solve", "single", "surface")
@@ -58,7 +58,8 @@ class Result:
 
     def radiosity(self, points: Any) -> np.ndarray:
         """Radiosity (n, 3) [W/mm^2] at points (n, 3) on or near the surface [mm]."""
-        return _at_surface(self._scene, self._solution, self._solution.exitance, checked_points(points), None)
+        exitance = self._solution.exitance
+        return _at_surface(self._scene, self._solution, exitance, exitance, checked_points(points), None)[0]
 
     def radiosity_single(self, points: Any) -> np.ndarray:
         """The part of `radiosity` (n, 3) [W/mm^2] that was scattered exactly once.
@@ -71,7 +72,7 @@ class Result:
         once = self._solution.once
         if once is None:
             raise InputError('scattering: bake with scattering="split" to tell single scattering apart')
-        single = _at_surface(self._scene, self._solution, once, checked_points(points), None)
+        single = _at_surface(self._scene, self._solution, once, once, checked_points(points), None)[0]
         return np.minimum(single, self.radiosity(points))
 
     def radiance(self, eye: Any) -> np.ndarray:
@@ -197,15 +198,12 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
     solution = light(scene, lights, last, seconds, tell)
     mesh = scene.mesh
     with timed("surface", seconds, tell):
-        radiosity, fluence, single = (
-            None if values is None else _at_surface(scene, solution, values, mesh.vertices, mesh.normals)
-            for values in (solution.exitance, solution.fluence, solution.once)
-        )
+        places = (mesh.vertices, mesh.normals)
+        radiosity, fluence = _at_surface(scene, solution, solution.exitance, solution.fluence, *places)
+        single = None
+        if solution.once is not None:
+            single = np.minimum(_at_surface(scene, solution, solution.once, solution.once, *places)[0], radiosity)
     seconds["total"] = seconds["load"] + perf_counter() - start
-    assert radiosity is not None
-    assert fluence is not None
-    if single is not None:
-        single = np.minimum(single, radiosity)
     if not solution.convergence.converged:
         worst = float(solution.convergence.residuals[-1].max())
         advice = "use double precision" if scene.device.precision == "single" else "allow a larger tolerance"
@@ -215,10 +213,11 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
     return Result(mesh, medium, lights, radiosity, fluence, report, single, scene, solution)
 
 
-def _at_surface(scene: Scene, solution: Solution, values: Buffer, points: np.ndarray,
-                normals: np.ndarray | None) -> np.ndarray:  # fmt: skip
-    """A field of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
-    return np.maximum(fluence_at(scene.device, scene.octree, values, points, normals), 0) * solution.unit
+def _at_surface(scene: Scene, solution: Solution, first: Buffer, second: Buffer, points: np.ndarray,
+                normals: np.ndarray | None) -> list[np.ndarray]:  # fmt: skip
+    """Two fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
+    fitted = values_at(scene.device, scene.octree, first, second, points, normals)
+    return [np.maximum(values, 0) * solution.unit for values in fitted]
 
 
 def _report(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:

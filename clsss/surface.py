@@ -36,12 +36,18 @@ def tangent_frame(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def fluence_at(device: Device, octree: Octree, phi_B: Buffer, points: np.ndarray,
                normals: np.ndarray | None = None) -> np.ndarray:  # fmt: skip
-    """Boundary fluence at points on or near the surface.
+    """Boundary fluence (n, 3) at points on or near the surface, as `values_at` has it."""
+    return values_at(device, octree, phi_B, phi_B, points, normals)[0]
+
+
+def values_at(device: Device, octree: Octree, first: Buffer, second: Buffer, points: np.ndarray,
+              normals: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Two fields of the boundary at points on or near the surface.
 
     Parameters
     ----------
-    phi_B : (n_cut, 4) real, device
-        Fluence at the boundary of the cut cells [W/mm^2].
+    first, second : (n_cut, 4) real, device
+        Values at the boundary of the cut cells, such as fluence [W/mm^2].
     points : (n, 3) float
         Points [mm].
     normals : (n, 3) float, optional
@@ -50,41 +56,35 @@ def fluence_at(device: Device, octree: Octree, phi_B: Buffer, points: np.ndarray
 
     Returns
     -------
-    (n, 3) float64
-        Fluence [W/mm^2]. Points too far from any cut cell get the nearest one's.
+    (n, 3), (n, 3) float64
+        In the unit of the fields. Points too far from any cut cell get the nearest one's.
     """
-    n = len(points)
-    value = np.zeros((n, 3))
-    if n == 0:
-        return value
-    normals = np.zeros((n, 3)) if normals is None else np.array(normals, float)
-    unknown = np.flatnonzero(np.linalg.norm(normals, axis=1) < 0.5)
-    centre, direction = None, None
+    if not len(points):
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    normals = np.zeros((len(points), 3)) if normals is None else np.asarray(normals, float)
+    unknown = np.flatnonzero((normals**2).sum(axis=1) < 0.25)
     if len(unknown):
         centre, direction = boundary_points(octree)
+        normals = normals.copy()
         normals[unknown] = direction[cKDTree(centre).query(points[unknown])[1]]
-    remaining = np.arange(n)
-    for radius in RADII:
-        fitted, used = _fit(device, octree, phi_B, points[remaining], normals[remaining], radius)
-        good = used >= (ENOUGH if radius < RADII[-1] else 1)
-        value[remaining[good]] = fitted[good]
-        remaining = remaining[~good]
-        if not len(remaining):
-            return value
-    if centre is None:
-        centre, _ = boundary_points(octree)
-    nearest = cKDTree(centre).query(points[remaining])[1]
-    value[remaining] = phi_B.get()[nearest, :3]
-    return value
+    values, used = _fit(device, octree, first, second, points, normals, RADII[0])
+    few = np.flatnonzero(used < ENOUGH)
+    if len(few):
+        values[:, few], used = _fit(device, octree, first, second, points[few], normals[few], RADII[1])
+        none = few[used == 0]
+        if len(none):
+            nearest = cKDTree(boundary_points(octree)[0]).query(points[none])[1]
+            for value, field in zip(values, (first, second), strict=True):
+                value[none] = field.get()[nearest, :3]
+    return values[0], values[1]
 
 
-def _fit(device: Device, octree: Octree, phi_B: Buffer, points: np.ndarray, normals: np.ndarray,
+def _fit(device: Device, octree: Octree, first: Buffer, second: Buffer, points: np.ndarray, normals: np.ndarray,
          radius: float) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Both fields at points (2, n, 3), and how many cut cells each fit counts (n,)."""
     n, cut = len(points), octree.cut
-    spare = np.zeros((n, 1))
-    where = device.array(np.concatenate([octree.grid.to_cells(points), spare], axis=1))
-    value, used = device.zeros((n, 4)), device.empty(n, np.int32)
-    device.run(device.kernel("surface", "fit_at_points"), n, n, float(radius), octree.grid.dims, octree.block,
-               octree.brick, octree.cut_index, cut.boundary, cut.normal, where,
-               device.array(np.concatenate([normals, spare], axis=1)), phi_B, value, used)  # fmt: skip
-    return value.get()[:, :3].astype(float), used.get()
+    value, used = device.empty((n, 2, 4)), device.empty(n, np.int32)
+    device.run(device.kernel("surface", "fit_at_points"), n, n, radius, octree.grid.dims, octree.block, octree.brick,
+               octree.clearance, octree.cut_index, cut.boundary, cut.normal, device.array(octree.grid.to_cells(points)),
+               device.array(normals), first, second, value, used)  # fmt: skip
+    return value.get()[:, :, :3].swapaxes(0, 1).astype(float), used.get()
