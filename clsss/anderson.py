@@ -47,6 +47,12 @@ class Follower(Protocol):
     def adjust(self, residual: Field) -> None:
         """Enqueue to add the part of the right-hand side that the last update found to a residual."""
 
+    def hold(self, phi: Field) -> None:
+        """From now on count the solution from a complete `phi`."""
+
+    def release(self) -> None:
+        """Count from zero again."""
+
 
 class Anderson:
     """Combines cycles: the solution (and a follower's state) of the least residual among the last ones.

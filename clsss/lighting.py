@@ -115,6 +115,18 @@ class Interreflection:
         self._last, self._next, self._arriving = (device.empty((n, CHANNELS)) for _ in range(3))
         self._moment, self._phi_B = device.empty(self.r_B.shape), device.empty(self.r_B.shape)
         self._update = device.capture(lambda: self._enqueue_update(phi))
+        self._held = np.zeros((n, 3))
+
+    def hold(self, phi: Field) -> None:
+        """From now on count the solution from a complete `phi`."""
+        self._held = self.exchange.share @ boundary_flux(self.scene.multigrid.residual, phi, self.r_B)
+        self._set_aside = self.r_B.get()
+        self.r_B.fill(0)
+
+    def release(self) -> None:
+        """Count from zero again."""
+        self._held[:] = 0
+        self.r_B.set(self._set_aside)
 
     def _enter(self, B: Buffer, plus: Buffer | None) -> None:
         """Overwrite the moment with -gain H_t, what the boundary lets in of B, and `plus`."""
@@ -133,7 +145,8 @@ class Interreflection:
         """One step of the exchange; how far B moved, relative to its size."""
         self._last.set(channels(self.state))
         self._update()
-        last, self.state = self.state, self._next.get()[:, :3].astype(float)
+        last, self.state = self.state, self._held + self._next.get()[:, :3]
+        self._next.set(channels(self.state))
         size = np.linalg.norm(self.state, axis=0)
         return float((np.linalg.norm(self.state - last, axis=0) / np.where(size > 0, size, 1)).max())
 

@@ -17,11 +17,14 @@ import numpy as np
 from clsss.anderson import Anderson, Follower, inner_product
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, Operator, Residual, channels
+from clsss.rounding import Held, rounding_gain
 
 SWEEPS = 2  # before and after the coarser level, on the finest
 COARSE_SWEEPS = 3  # on the others: little work, and what they leave undone adds up from level to level
 SLOW = 0.25  # a plain cycle that reduces the residual less is accelerated
 STALL = 4  # cycles without a tenth less residual end a solve: rounding allows no more
+HOLD = 1e-2  # residual at which a solution is held, where rounding it would leave too much
+NEAR = 0.25  # of the tolerance: what rounding may leave
 MOVING = 10.0  # tolerance of a follower's state over that of the residual
 
 
@@ -145,14 +148,15 @@ class Multigrid:
         """Solve A_h phi = b, starting from `phi`.
 
         Where the plain cycle is slower than `SLOW`, and always with a follower, cycles are combined so that the
-        residual is least (`Anderson`).
+        residual is least (`Anderson`). Where rounding `phi` would leave more than the tolerance, the solve goes on
+        from a solution that it no longer changes (`Held`); the residuals told are then those before the last rounding.
 
         Parameters
         ----------
         b : Field
             Right-hand sides [W in the operator's scale].
         phi : Field
-            Fluence [W/mm^2]: start and result.
+            Fluence [W/mm^2]: start and result, the latter complete.
         tolerance : float
             Relative 2-norm of the residual to reach in every channel.
         max_cycles : int
@@ -174,6 +178,8 @@ class Multigrid:
         adjust = capture(lambda: follower.adjust(r)) if follower else None
         self._cycle = self._cycle or capture(lambda: self.v_cycle(top))
         anderson = Anderson(self.device, phi, r, follower) if follower else None
+        held: Held | None = None
+        undecided = True
         residuals: list[np.ndarray] = []
         while True:
             self._take_residual()
@@ -186,9 +192,20 @@ class Multigrid:
             done = history[-1] <= tolerance and moving <= MOVING * tolerance
             stalled = len(history) > STALL and history[-1] > 0.9 * history[-1 - STALL]
             if done or stalled or len(history) > max_cycles or not np.isfinite(history[-1]):
+                if held:
+                    held.release()
+                    self.residual.complete(phi)
                 return Convergence(residuals, done, tolerance)
             if progress is not None:
                 progress(float(np.clip(np.log(max(history[-1], tolerance)) / np.log(tolerance), 0, 1)))
+            if undecided and history[-1] <= HOLD:
+                undecided = False
+                left_by_rounding = rounding_gain(self.op) * np.sqrt(self.inner_product(phi, phi))
+                if (left_by_rounding > NEAR * tolerance * scale).any():
+                    self._take_residual()
+                    held = Held(phi, b, r, self.residual.wall, follower)
+                    if adjust:
+                        adjust()
             if anderson is None and len(history) > 2 and history[-1] > SLOW * history[-2]:
                 anderson = Anderson(self.device, phi, r, None)
             if anderson:

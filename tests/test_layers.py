@@ -39,6 +39,7 @@ LAYERS = {
     2: ["octree"],
     3: ["diffusion"],
     3.1: ["source", "anderson"],
+    3.2: ["rounding"],
     4: ["arguments", "multigrid", "surface"],
     4.1: ["exchange", "single"],
     4.2: ["lighting"],
