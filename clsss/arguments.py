@@ -10,7 +10,7 @@ import numpy as np
 from clsss.diffusion import PHASES
 from clsss.errors import DeviceError, InputError
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
-from clsss.mesh import Mesh
+from clsss.mesh import Mesh, require_volume
 
 BYTES_PER_CELL = 450  # host and device together, at the peak
 BYTES_PER_GRID_CELL = 4  # of the dense box, while the octree is built
@@ -26,6 +26,7 @@ def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, s
     """
     if not isinstance(mesh, Mesh):
         raise InputError(f"mesh: needs a mesh from clsss.load_mesh, got {mesh!r}")
+    require_volume(mesh)
     if not hasattr(medium, "coefficients"):
         raise InputError(f"medium: needs a Material, Mix or Grid (clsss.material('marble') is one), got {medium!r}")
     whole = isinstance(resolution, (int, float, np.number)) and not isinstance(resolution, bool)
@@ -37,8 +38,6 @@ def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, s
         raise InputError(f"phase: unknown value {phase!r}; use {', '.join(PHASES)}")
     if scattering not in ("all", "split"):
         raise InputError(f"scattering: unknown value {scattering!r}; use all or split")
-    if scattering == "split" and blockers:
-        raise InputError("scattering: split does not know blockers yet; use all, or leave the blockers out")
     if not isinstance(blockers, (list, tuple)) or not all(isinstance(body, Mesh) for body in blockers):
         raise InputError("blockers: needs a list of meshes from clsss.load_mesh")
 

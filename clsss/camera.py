@@ -38,6 +38,11 @@ class Camera:
     elevation: float = 0.0
     up: str = "y"
 
+    @property
+    def eye(self) -> np.ndarray:
+        """Where the eye is (3,) [mm]."""
+        return self.target + self.distance * self.axes()[2]
+
     def axes(self) -> np.ndarray:
         """Right, up and towards the eye, as the rows of a rotation (3, 3)."""
         a, e = np.radians([self.azimuth, self.elevation])
@@ -51,10 +56,15 @@ class Camera:
         elevation = float(np.clip(self.elevation + over, -89, 89))
         return replace(self, azimuth=self.azimuth + right, elevation=elevation)
 
+    @property
+    def picture_height(self) -> float:
+        """What the picture shows from top to bottom at the target [mm]."""
+        return float(2 * self.distance * np.tan(np.radians(FIELD_OF_VIEW) / 2))
+
     def panned(self, right: float, over: float) -> Camera:
         """The camera moved by shares of the picture's height."""
-        height = 2 * self.distance * np.tan(np.radians(FIELD_OF_VIEW) / 2)
-        return replace(self, target=self.target + height * (np.array([right, over]) @ self.axes()[:2]))
+        aside = np.array([right, over]) @ self.axes()[:2]
+        return replace(self, target=self.target + self.picture_height * aside)
 
     def zoomed(self, factor: float) -> Camera:
         """The camera `factor` times closer to its target."""

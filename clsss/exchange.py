@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 from clsss.materials import fresnel_A, fresnel_moments, fresnel_transmittance
 from clsss.mesh import Mesh
 from clsss.octree import Octree
-from clsss.rays import RayCaster
+from clsss.rays import LINING, RayCaster
 from clsss.surface import boundary_points, tangent_frame
 
 PROBES = 8  # rays that tell whether a patch sees the object at all
@@ -148,7 +148,10 @@ class _Tracer:
             slope[behind] = np.einsum("ij,ij->i", self.facing[triangle[behind]], direction[behind])
         hit = np.flatnonzero((triangle >= 0) & (slope < 0))
         if self.blockers:
-            hit = hit[~self.blockers.occluded(origin[hit], direction[hit], distance[hit])]
+            # from inside to inside: what lines a wall is in the way, on whichever side of it rounding puts it
+            start = self.points[cell[hit]] - LINING * self.h * n[hit]
+            end = origin[hit] + distance[hit, None] * direction[hit] - LINING * self.h * self.facing[triangle[hit]]
+            hit = hit[~self.blockers.occluded(start, end - start, 1.0)]
         end = origin[hit] + distance[hit, None] * direction[hit]
         other = self._cell_at(end, self.facing[triangle[hit]])
         good = self.patch[other] != patches[hit]

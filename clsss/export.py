@@ -1,8 +1,9 @@
 """A baked result on disk: vertex colours for other programs, and the numbers they came from.
 
-Every format but OBJ keeps radiosity and fluence as raw floats [W/mm^2]. Colours are made for the eye,
-``clip(radiosity * display_scale * 2**exposure, 0, 1)``: linear floats in GLB (as glTF asks), sRGB in PLY
-(bytes) and in OBJ (0 to 1), as the programs that read them expect. Lengths are mm in every format.
+Every format but OBJ keeps radiosity, of it what was scattered once where a bake splits that off, and fluence as raw
+floats [W/mm^2]. Colours are made for the eye, ``clip(radiosity * display_scale * 2**exposure, 0, 1)``: linear floats
+in GLB (as glTF asks), sRGB in PLY (bytes) and in OBJ (0 to 1), as the programs that read them expect. Lengths are mm
+in every format.
 """
 
 from __future__ import annotations
@@ -161,6 +162,13 @@ def _colour(result: Result, scale: float) -> np.ndarray:
     return np.clip(np.nan_to_num(result.vertex_radiosity) * scale, 0, 1)
 
 
+def _fields(result: Result) -> dict[str, np.ndarray]:
+    """The raw floats."""
+    once = result.vertex_radiosity_single
+    single = {} if once is None else {"radiosity_single": once}
+    return {"radiosity": result.vertex_radiosity, "fluence": result.vertex_fluence, **single}
+
+
 def _offset(mesh: Mesh) -> np.ndarray:
     """The middle (3,) of a mesh so far from the origin that single precision would round its shape, else 0."""
     used = mesh.vertices[mesh.faces]
@@ -176,8 +184,7 @@ def _glb(result: Result, scale: float) -> bytes:
     attributes = {
         "_NORMAL": np.where(unused, (0.0, 0.0, 1.0), mesh.normals),
         "_COLOR_0": _colour(result, scale),
-        "_RADIOSITY": result.vertex_radiosity,
-        "_FLUENCE": result.vertex_fluence,
+        **{f"_{name.upper()}": values for name, values in _fields(result).items()},
     }
     offset = _offset(mesh)
     shape = trimesh.Trimesh(
@@ -227,8 +234,7 @@ def _ply(result: Result, scale: float) -> bytes:
         ("x", "y", "z"): mesh.vertices,
         ("nx", "ny", "nz"): mesh.normals,
         ("red", "green", "blue"): np.rint(255 * srgb_encode(_colour(result, scale))),
-        ("radiosity_r", "radiosity_g", "radiosity_b"): result.vertex_radiosity,
-        ("fluence_r", "fluence_g", "fluence_b"): result.vertex_fluence,
+        **{tuple(f"{name}_{c}" for c in "rgb"): values for name, values in _fields(result).items()},
     }
     columns = {name: values[:, i] for names, values in groups.items() for i, name in enumerate(names)}
     place = "<f8" if _offset(mesh).any() else "<f4"
@@ -271,16 +277,9 @@ def _obj(result: Result, scale: float) -> bytes:
 def _npz(result: Result, scale: float) -> bytes:
     mesh = result.mesh
     out = io.BytesIO()
-    np.savez_compressed(
-        out,
-        vertices=mesh.vertices,
-        faces=mesh.faces,
-        normals=mesh.normals,
-        radiosity=result.vertex_radiosity,
-        fluence=result.vertex_fluence,
-        display_scale=np.float64(scale),
-        report=np.str_(json.dumps(result.report)),
-    )
+    arrays: dict[str, Any] = {"vertices": mesh.vertices, "faces": mesh.faces, "normals": mesh.normals}
+    arrays |= {**_fields(result), "display_scale": np.float64(scale), "report": np.str_(json.dumps(result.report))}
+    np.savez_compressed(out, **arrays)
     return out.getvalue()
 
 
@@ -289,8 +288,7 @@ def _vtu(result: Result, scale: float) -> bytes:
 
     mesh = result.mesh
     points = {
-        "radiosity": result.vertex_radiosity,
-        "fluence": result.vertex_fluence,
+        **_fields(result),
         "normals": mesh.normals,
         "colour": _colour(result, scale),
     }

@@ -34,7 +34,8 @@ def numbers(text: str, *counts: int) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) not in counts or not all(map(math.isfinite, values)):
-        wanted = " or ".join({1: "one number", 2: "two numbers", 3: "three numbers"}[n] for n in counts)
+        words = {1: "one number", 2: "two numbers", 3: "three numbers", 5: "five numbers"}
+        wanted = " or ".join(words[n] for n in counts)
         raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}" + ", separated by commas" * (max(counts) > 1))
     return values
 
@@ -140,9 +141,10 @@ def window_size(text: str) -> tuple[int, int]:
     return size
 
 
-def camera(text: str) -> tuple[float, float, float]:
-    """Azimuth, elevation and zoom from ``-25,12,1``."""
-    values = (*numbers(text, 2, 3), 1.0)[:3]
+def camera(text: str) -> tuple[float, ...]:
+    """Azimuth, elevation and zoom from ``-25,12,1``, and how far it is moved aside from ``-25,12,1,0.2,-0.1``."""
+    values = numbers(text, 2, 3, 5)
+    values = values if len(values) > 2 else (*values, 1.0)
     if not (-89 <= values[1] <= 89 and values[2] > 0):
         raise argparse.ArgumentTypeError(f"{text!r}: the elevation lies within -89 and 89, the zoom above 0")
-    return values[0], values[1], values[2]
+    return values

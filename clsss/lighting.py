@@ -17,14 +17,14 @@ import numpy as np
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, Residual, cell_points, channels
 from clsss.exchange import Exchange
+from clsss.materials import fresnel_moments
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
 from clsss.octree import Octree
 from clsss.rays import RayCaster
-from clsss.single import exitance_once
+from clsss.single import split
 from clsss.source import Source, light_unit, make_source, subtract_moment
 from clsss.sparsematrix import SparseMatrix
-from clsss.surface import boundary_points
 
 Progress = Callable[[str, float], None]
 
@@ -174,7 +174,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     last : Solution, optional
         Where the solve starts from.
     seconds : dict
-        Gets the seconds of the stages "source" and "solve".
+        Gets the seconds of the stages "source", "single" and "solve".
     tell : callable
         Told ``(stage, fraction)``.
 
@@ -188,6 +188,11 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         source = make_source(
             device, octree, medium, list(lights), unit, scene.blockers, lambda f: tell("source", f)
         )
+    once, kept = None, np.zeros(3)
+    if scene.split:
+        with timed("single", seconds, tell):
+            once, kept, source = split(device, octree, medium, list(lights), unit, source, scene.blockers,
+                                       scene.tolerance, lambda f: tell("single", f))  # fmt: skip
     with timed("solve", seconds, tell):
         scene.multigrid.residual.wall = source.wall
         phi = Field(device, octree)
@@ -201,17 +206,10 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         )
         flux, entering = follower.surface(phi) if follower else (
             boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
-    gain = scene.exchange.gain if scene.exchange else 0.0
+    gain = 4 / (1 - fresnel_moments(medium.eta)[0])
     exitance = device.array(channels(flux + entering))
-    fluence = device.array(channels(2 * medium.fresnel_A * flux + gain * entering))
+    fluence = device.array(channels(2 * medium.fresnel_A * flux + gain * (entering + kept)))
     leaving = follower.state if follower else np.zeros((0, 3))
-    once = None
-    if scene.split:
-        with timed("single", seconds, tell):
-            points, normals = boundary_points(octree)
-            traced = exitance_once(device, octree, medium, list(lights), unit, points, normals,
-                                   lambda f: tell("single", f))  # fmt: skip
-            once = device.array(channels(traced))
     return Solution(unit, phi, flux, exitance, fluence, once, leaving, source, convergence)
 
 

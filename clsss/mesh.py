@@ -81,7 +81,9 @@ class Mesh:
         return float(area), float(abs(np.einsum("ij,ij->", a, normal)) / 6)
 
 
-def load_mesh(source: str | os.PathLike[str] | trimesh.Trimesh, size: float | None = None) -> Mesh:
+def load_mesh(
+    source: str | os.PathLike[str] | trimesh.Trimesh, size: float | None = None, solid: bool = True
+) -> Mesh:
     """Load a triangle mesh and repair it until it bounds a solid.
 
     Parameters
@@ -90,6 +92,8 @@ def load_mesh(source: str | os.PathLike[str] | trimesh.Trimesh, size: float | No
         PLY, OBJ, or anything trimesh reads; also compressed with gzip.
     size : float, optional
         Longest side of the bounding box of the vertices in use [mm]; by default the file's units are mm.
+    solid : bool
+        False leaves the surface as it is, open or flat: enough for what only casts shadows.
 
     Returns
     -------
@@ -117,12 +121,21 @@ def load_mesh(source: str | os.PathLike[str] | trimesh.Trimesh, size: float | No
     box, longest = _bounding_box(vertices, faces, name)
     centre = box.mean(axis=0)
     try:
-        repaired = repair((vertices - centre) / longest, faces)
+        repaired = repair((vertices - centre) / longest, faces) if solid else _as_is(vertices, faces)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
     mesh = _scaled(vertices, faces, repaired, centre, longest, length, name)
+    if solid:
+        require_volume(mesh)
     mesh.report["seconds"] = perf_counter() - start
     return mesh
+
+
+def _as_is(vertices: np.ndarray, faces: np.ndarray) -> Repaired:
+    """Nothing repaired."""
+    every, faces_kept = np.arange(len(vertices)), np.arange(len(faces))
+    untouched = np.zeros(len(faces), bool)
+    return Repaired(faces_kept, untouched, every, every, faces, np.zeros((0, 3)), False, False, [])
 
 
 def _used(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -164,7 +177,6 @@ def _scaled(
     points = vertices * scale
     corners = np.concatenate([points[repaired.first], (repaired.centroids * longest + centre) * scale])
     triangles = corners[repaired.solid]
-    _require_volume(triangles, centre * scale, extent * scale, name)
     repairs = list(repaired.repairs)
     reach = float(np.abs(centre).max())
     if longest < 1e-5 * reach and (vertices == vertices.astype(np.float32)).all():
@@ -181,12 +193,16 @@ def _scaled(
     return Mesh(points, drawn, normals, triangles, repaired.closed, report, name)
 
 
-def _require_volume(triangles: np.ndarray, centre: np.ndarray, length: float, name: str) -> None:
-    a, b, c = np.moveaxis((triangles - centre) / length, 1, 0)
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-    if not abs(volume) > _FLAT * area:
-        raise InputError(f"{name}: its surface holds no volume; clsss needs a solid with an inside")
+def require_volume(mesh: Mesh) -> None:
+    """Refuse what has no inside.
+
+    Raises
+    ------
+    InputError
+    """
+    area, volume = mesh.area_and_volume
+    if not volume > _FLAT * area * mesh.size:
+        raise InputError(f"{mesh.name}: its surface holds no volume; clsss needs a solid with an inside")
 
 
 def _normals(points: np.ndarray, faces: np.ndarray, used: np.ndarray, welded: np.ndarray) -> np.ndarray:

@@ -31,6 +31,7 @@ DEMO = "demo"
 DEFAULT_MATERIAL = "marble"
 DEFAULTS: dict[str, Any] = {
     "phase": "similarity",
+    "scattering": "all",
     "resolution": 128,
     "tolerance": 1e-4,
     "adaptive": True,
@@ -112,7 +113,7 @@ def add_shared(parser: argparse.ArgumentParser) -> None:
         dest="blockers",
         action="append",
         metavar="MESH",
-        help="another mesh, in the units and frame of the first, that keeps light from it; repeatable",
+        help="another mesh, closed or open, in the units and frame of the first, that keeps light from it; repeatable",
     )
     group.add_argument("--exposure", type=stops, metavar="EV", help="stops brighter than the automatic exposure (0)")
     group.add_argument("--up", choices=("y", "z"), help="axis that points up (y)")
@@ -142,6 +143,11 @@ def _add_material(group: argparse._ArgumentGroup) -> None:
         help="how light that has not been scattered yet is counted where g is not 0 (similarity)",
     )
     group.add_argument(
+        "--scattering",
+        choices=("all", "split"),
+        help="split traces light scattered once on its own, as the camera sees it; slower (all)",
+    )
+    group.add_argument(
         "--mix",
         type=mixture,
         metavar="NAME[:SCALE[:SEED]]",
@@ -166,8 +172,9 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
         type=camera,
-        metavar="AZIMUTH,ELEVATION[,ZOOM]",
-        help="degrees around the up axis from the front, degrees above it, zoom (-25,12,1)",
+        metavar="AZIMUTH,ELEVATION[,ZOOM[,RIGHT,UP]]",
+        help="degrees around the up axis from the front, degrees above it, zoom, and how far the camera is moved aside "
+        "in heights of the picture (-25,12,1,0,0)",
     )
 
 

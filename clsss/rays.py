@@ -13,6 +13,8 @@ import numpy as np
 if TYPE_CHECKING:
     from clsss.mesh import Mesh
 
+LINING = 0.1  # cells: how near to the surface a blocker counts as lying on it
+
 
 class RayCaster:
     """Nearest hits and shadow tests against triangles, with Embree.

@@ -40,7 +40,7 @@ def eye_from(args: argparse.Namespace) -> np.ndarray:
 
     from clsss.camera import Camera
 
-    azimuth, elevation, _ = args.camera
+    azimuth, elevation = args.camera[:2]
     return Camera(np.zeros(3), 1.0, azimuth, elevation, args.up).axes()[2]
 
 
@@ -49,7 +49,7 @@ def blockers_from(args: argparse.Namespace, mesh: Mesh) -> list[Mesh]:
     from clsss.mesh import load_mesh
 
     scale = mesh.report["scale"]
-    blockers = [load_mesh(path) for path in args.blockers or ()]
+    blockers = [load_mesh(path, solid=False) for path in args.blockers or ()]
     return [replace(b, vertices=b.vertices * scale, triangles=b.triangles * scale) for b in blockers]
 
 

@@ -29,8 +29,9 @@ _STAGES = {
     "cut cells": 0.03,
     "octree": 0.1,
     "exchange": 0.3,
-    "source": 0.32,
-    "solve": 0.2,
+    "source": 0.22,
+    "single": 0.15,
+    "solve": 0.15,
     "surface": 0.03,
 }
 
@@ -145,6 +146,7 @@ def bake(args: argparse.Namespace, mesh: Mesh, progress: Callable[[str, float], 
         precision=args.precision,
         device=args.device,
         phase=args.phase,
+        scattering=args.scattering,
         blockers=blockers_from(args, mesh),
         progress=progress,
     )

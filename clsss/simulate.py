@@ -6,12 +6,13 @@ import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from clsss import __version__, cutcell, diffusion, octree, validity
+from clsss import cutcell, diffusion, octree, validity
 from clsss.arguments import check, check_memory, checked_lights, checked_points
 from clsss.device import Buffer, open_device
 from clsss.errors import InputError
@@ -21,11 +22,12 @@ from clsss.materials import fresnel_A
 from clsss.mesh import Mesh, RayCaster, contains
 from clsss.multigrid import Multigrid
 from clsss.refinement import Refine, varies
-from clsss.single import radiance_once
+from clsss.report import account
+from clsss.single import DEPTHS, SingleScattering
 from clsss.surface import values_at
 from clsss.validity import ConvergenceWarning
 
-STAGES = ("device", "cut cells", "octree", "exchange", "source", "solve", "single", "surface")
+STAGES = ("device", "cut cells", "octree", "exchange", "source", "single", "solve", "surface")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,23 +77,46 @@ class Result:
         single = _at_surface(self._scene, self._solution, once, once, checked_points(points), None)[0]
         return np.minimum(single, self.radiosity(points))
 
-    def radiance(self, eye: Any) -> np.ndarray:
-        """Radiance (v, 3) [W/mm^2/sr] that leaves the vertices towards a camera at `eye` (3,) [mm].
+    @cached_property
+    def _once(self) -> SingleScattering:
+        scene, lights = self._scene, list(self.lights)
+        return SingleScattering(scene.device, scene.octree, scene.medium, lights, self._solution.unit, scene.blockers)
+
+    def radiance(self, eye: Any, depths: int = DEPTHS, least_cosine: float = 0.0) -> np.ndarray:
+        """Radiance that leaves the vertices towards a camera.
 
         Multiple scattering as in the diffusion approximation, L = (1 - R) (phi_B + 3 J cos) / (4 pi eta^2); single
         scattering, where it is split off, along the refracted ray.
+
+        Parameters
+        ----------
+        eye : (3,) float
+            Where the camera is [mm].
+        depths : int
+            Points along each ray where light may have been scattered once.
+        least_cosine : float
+            Light is taken to leave at this cosine to the normal at least, where the camera would see the surface
+            from the side or from behind; at 0 nothing leaves there, and triangles on the outline turn dark.
+
+        Returns
+        -------
+        (v, 3) float64
+            [W/mm^2/sr].
         """
         scene, solution, mesh = self._scene, self._solution, self.mesh
         away = checked_points([eye])[0] - mesh.vertices
         out = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
-        mu = np.clip((out * mesh.normals).sum(axis=1), 0, 1)
+        mu = (out * mesh.normals).sum(axis=1)
+        low = mu < least_cosine
+        side = out[low] - mu[low, None] * mesh.normals[low]
+        side *= np.sqrt(1 - least_cosine**2) / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-300)
+        out[low] = side + least_cosine * mesh.normals[low]
+        mu = np.clip(mu, least_cosine, 1)
         single = 0.0 if self.vertex_radiosity_single is None else self.vertex_radiosity_single
         diffuse = (self.vertex_radiosity - single) / np.pi * leaving_shape(mu, scene.medium.eta)[:, None]
         if not scene.split:
             return diffuse
-        once = radiance_once(scene.device, scene.octree, scene.medium, list(self.lights), solution.unit,
-                             mesh.vertices, mesh.normals, out)  # fmt: skip
-        return diffuse + once * solution.unit
+        return diffuse + self._once.radiance(mesh.vertices, mesh.normals, out, depths) * solution.unit
 
     def fluence(self, points: Any) -> np.ndarray:
         """Fluence (n, 3) of the scattered light [W/mm^2] at points (n, 3) inside [mm]; NaN outside."""
@@ -142,11 +167,12 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         How a beam treats forward scattering, for g > 0: a fraction g, g^2 or 0 of it counts as unscattered. The
         first needs cells of about the transport mean free path, the last of the mean free path.
     scattering : {"all", "split"}
-        Whether diffusion stands for all scattered light, or light scattered once is also traced on its own, and
-        what diffusion gives beyond it taken as multiple scattering. The total is the same; `radiance` gains the
-        single part's dependence on the view, with the forward peak that `phase` leaves. Slower.
+        Whether diffusion stands for all scattered light, or light scattered once is traced on its own and diffusion
+        driven by second scattering: closer to the truth where much is absorbed, and `radiance` gains the single
+        part's dependence on the view, with the forward peak that `phase` leaves. Slower.
     blockers : sequence of Mesh
-        Opaque black bodies that cast shadows: on the object, and between parts of its surface.
+        Opaque black surfaces, closed or open, that cast shadows: on the object, and between parts of its surface.
+        A flat card loads with ``load_mesh(..., solid=False)``.
     progress : bool or callable, optional
         True prints stages; a callable gets ``(stage, fraction)``.
 
@@ -186,7 +212,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         dev.finish()
     with timed("exchange", seconds, tell):
-        shadows = RayCaster(np.concatenate([body.triangles for body in blockers])) if blockers else None
+        shadows = RayCaster(np.concatenate([b.vertices[b.faces] for b in blockers])) if blockers else None
         coupling = trace_exchange(mesh, tree, medium.eta, shadows, lambda f: tell("exchange", f))
     scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, scattering == "split", tolerance, before)
     return _bake(scene, medium, lights, None, seconds, start, tell)
@@ -209,7 +235,7 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
         advice = "use double precision" if scene.device.precision == "single" else "allow a larger tolerance"
         text = f"the solve stopped after {solution.convergence.cycles} cycles at a residual of {worst:.1e}, short of "
         warnings.warn(text + f"the tolerance {scene.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=3)
-    report = _report(scene, solution, seconds)
+    report = account(scene, solution, seconds)
     return Result(mesh, medium, lights, radiosity, fluence, report, single, scene, solution)
 
 
@@ -218,62 +244,6 @@ def _at_surface(scene: Scene, solution: Solution, first: Buffer, second: Buffer,
     """Two fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
     fitted = values_at(scene.device, scene.octree, first, second, points, normals)
     return [np.maximum(values, 0) * solution.unit for values in fitted]
-
-
-def _report(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
-    tree, medium, convergence = scene.octree, scene.medium, solution.convergence
-    absorbed = np.zeros(3)
-    for level, x, volume, sigma_a in zip(tree.levels, solution.phi, tree.volumes(), medium.sigma_a, strict=True):
-        rate = np.array(sigma_a.tolist()) if medium.homogeneous else sigma_a.get().astype(float)
-        absorbed += (x.get()[: level.n] * rate * (volume * level.leaf)[:, None]).sum(axis=0)[:3]
-    area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
-    exited = area @ solution.flux
-    return {
-        "clsss": __version__,
-        "device": scene.device.name,
-        "precision": scene.device.precision,
-        "mesh": {key: scene.mesh.report[key] for key in ("faces", "vertices", "closed", "repairs", "size_mm")},
-        "octree": {
-            "levels": len(tree.levels),
-            "cells": tree.n_cells,
-            "leaves": tree.n_leaves,
-            "cut_cells": tree.cut.n,
-            "cells_per_level": [level.n for level in tree.levels],
-            "h_mm": tree.grid.h,
-        },
-        "solve": {
-            "cycles": convergence.cycles,
-            "residuals": [r.tolist() for r in convergence.residuals],
-            "converged": convergence.converged,
-            "factor": convergence.factor,
-        },
-        "exchange": {
-            "patches": 0 if scene.exchange is None else scene.exchange.share.shape[0],
-            "rays": 0 if scene.exchange is None else scene.exchange.rays,
-        },
-        "energy": {
-            "incident_W": solution.source.incident.tolist(),
-            "deposited_W": solution.source.deposited.tolist(),
-            "absorbed_W": (absorbed * solution.unit).tolist(),
-            "exited_W": (exited * solution.unit).tolist(),
-        },
-        "seconds": {key.replace(" ", ""): round(value, 4) for key, value in seconds.items()},
-        "memory_mb": {
-            "device": (scene.device.peak - scene.bytes_before) / 2**20,
-            "peak_rss": _peak_rss_mb(),
-        },
-    }
-
-
-def _peak_rss_mb() -> float:
-    """Most memory that this process has held [MB]; `getrusage` may count its parent's."""
-    try:
-        with open("/proc/self/status", encoding="ascii") as status:
-            return next(float(line.split()[1]) / 2**10 for line in status if line.startswith("VmHWM"))
-    except (OSError, StopIteration):
-        import resource
-
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
 
 
 def _criteria(medium: Any) -> Refine:

@@ -22,7 +22,7 @@ from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree
-from clsss.rays import RayCaster
+from clsss.rays import LINING, RayCaster
 
 ENVIRONMENT_BEAMS = 256
 
@@ -138,7 +138,8 @@ class Beams:
     def _shade(self, light: DirectionalLight | PointLight) -> None:
         """No light where a blocker stands before it."""
         assert self.blockers is not None
-        boundary = self.octree.grid.to_mm(self._x_B)
+        size = np.linalg.norm(self._normal, axis=1, keepdims=True)
+        boundary = self.octree.grid.to_mm(self._x_B - LINING * self._normal / np.where(size > 0, size, 1))
         for points, F in zip([*self._points, boundary], [*self._F, self._F_B], strict=True):
             if isinstance(light, DirectionalLight):
                 dark = self.blockers.occluded(points, -light.direction[None])

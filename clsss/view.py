@@ -52,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def screenshot(args: argparse.Namespace) -> None:
     """``--screenshot``: bake, then draw the window's picture into a file."""
+    from clsss.baker import seen_from
     from clsss.errors import InputError
     from clsss.export import check_writable, display_scale
     from clsss.opengl import standalone_context
@@ -65,9 +66,10 @@ def screenshot(args: argparse.Namespace) -> None:
     scene = Scene(standalone_context())
     result = bake_with_bar(args)
     scene.set_mesh(result.mesh)
-    scene.set_radiosity(result.vertex_radiosity, display_scale(result.mesh, result.vertex_radiosity, eye_from(args)))
     width, height = args.window_size
     camera = start_camera(args, result.mesh, width / height)
+    radiosity = seen_from(result, camera.eye)
+    scene.set_radiosity(radiosity, display_scale(result.mesh, radiosity, eye_from(args)))
     save_png(scene.picture((width, height), camera, args.exposure), path)
     if not args.quiet:
         print(f"saved {path}", file=sys.stderr)

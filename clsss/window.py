@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import argparse
 import io
-import queue
-import threading
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clsss.baker import Baker, View
 from clsss.camera import Camera, fitted
 from clsss.export import check_writable, display_scale, write_atomically
 from clsss.grammar import LightOption
@@ -21,13 +19,11 @@ from clsss.opengl import open_window
 from clsss.options import WINDOW_HELP, default_lights
 from clsss.overlay import panel
 from clsss.request import eye_from
-from clsss.running import bake, load, overall
 from clsss.scene import Scene
 
 if TYPE_CHECKING:
     from clsss.lights import Light
     from clsss.mesh import Mesh
-    from clsss.simulate import Result
 
 DEGREES_PER_POINT = 0.4
 MESSAGE_SECONDS = 4.0
@@ -35,9 +31,10 @@ MESSAGE_SECONDS = 4.0
 
 def start_camera(args: argparse.Namespace, mesh: Mesh, aspect: float) -> Camera:
     """The camera that the options ask for, with the whole mesh in the picture at zoom 1."""
-    azimuth, elevation, zoom = args.camera
+    azimuth, elevation, zoom, *aside = args.camera
     camera = Camera(np.zeros(3), 1.0, azimuth, elevation, args.up)
-    return fitted(mesh.vertices[np.unique(mesh.faces)], camera, aspect).zoomed(zoom)
+    camera = fitted(mesh.vertices[np.unique(mesh.faces)], camera, aspect).zoomed(zoom)
+    return camera.panned(*aside) if aside else camera
 
 
 def save_png(picture: np.ndarray, path: Path) -> None:
@@ -47,45 +44,6 @@ def save_png(picture: np.ndarray, path: Path) -> None:
     out = io.BytesIO()
     Image.fromarray(picture).save(out, "PNG")
     write_atomically(path, out.getvalue())
-
-
-class Baker(threading.Thread):
-    """Loads and bakes beside the window, then bakes again for every new set of lights.
-
-    `events` receives a Mesh, then Results, or the error that ended it; `doing` is (stage, share done)
-    while it bakes.
-    """
-
-    def __init__(self, args: argparse.Namespace, wake: Callable[[], None]):
-        super().__init__(daemon=True)
-        self._args, self._wake = args, wake
-        self.events: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self.lights: queue.SimpleQueue[list[Light]] = queue.SimpleQueue()
-        self.doing: tuple[str, float] | None = ("reading the mesh", 0.0)
-
-    def run(self) -> None:
-        """The thread's work."""
-        try:
-            mesh = load(self._args)
-            self._post(mesh)
-            result = bake(self._args, mesh, self._progress)
-            while True:
-                self.doing = None
-                self._post(result)
-                lights = self.lights.get()
-                while not self.lights.empty():  # while it baked the light moved on
-                    lights = self.lights.get()
-                result = result.relight(lights, self._progress)
-        except BaseException as error:
-            self._post(error)
-
-    def _progress(self, stage: str, fraction: float) -> None:
-        self.doing = (stage, overall(stage, fraction))
-        self._wake()
-
-    def _post(self, event: Any) -> None:
-        self.events.put(event)
-        self._wake()
 
 
 class Window:
@@ -99,7 +57,7 @@ class Window:
         self.screen, self.scene = context.detect_framebuffer(), Scene(context)
         self.baker = Baker(args, glfw.post_empty_event)
         self.camera: Camera | None = None
-        self.result: Result | None = None
+        self.view: View | None = None
         self.lights: list[Light] = []
         self.exposure = args.exposure
         self.message, self.message_ends = "", 0.0
@@ -132,8 +90,7 @@ class Window:
             width, height = self._size()
             angles = round(self.camera.azimuth, 2), round(self.camera.elevation, 2)
             args.camera = (*angles, 1.0)
-            zoom = start_camera(args, self.scene.mesh, width / height).distance / self.camera.distance
-            args.camera = (*angles, round(zoom, 3))
+            args.camera = (*angles, *moved(self.camera, start_camera(args, self.scene.mesh, width / height)))
         if self.turned:
             options = args.lights or default_lights(args.up)
             args.lights = [as_option(*pair) for pair in zip(options, self.lights, strict=True)]
@@ -146,12 +103,12 @@ class Window:
             self.scene.set_mesh(event)
             self._reset()
             return
-        if self.result is None:
-            self.lights = list(event.lights)
+        if self.view is None:
+            self.lights = list(event.result.lights)
             self._say("press H for help")
             self.scene.scale = self._automatic(event)
-        self.result = event
-        self.scene.set_radiosity(event.vertex_radiosity, self.scene.scale)
+        self.view = event
+        self.scene.set_radiosity(event.radiosity, self.scene.scale)
 
     def _say(self, message: str) -> None:
         self.message, self.message_ends = message, time.monotonic() + MESSAGE_SECONDS
@@ -161,12 +118,21 @@ class Window:
         assert self.scene.mesh is not None
         self.camera = start_camera(self.args, self.scene.mesh, width / height)
         self.exposure = self.args.exposure
-        if self.result is not None:
-            self.scene.scale = self._automatic(self.result)
+        if self.view is not None:
+            self.scene.scale = self._automatic(self.view)
 
-    def _automatic(self, result: Result) -> float:
+    def _automatic(self, view: View) -> float:
         """The automatic exposure of what the window showed at first."""
-        return display_scale(result.mesh, result.vertex_radiosity, eye_from(self.args))
+        return display_scale(view.result.mesh, view.radiosity, eye_from(self.args))
+
+    def _look(self) -> None:
+        """Let the baker know from where the result is seen."""
+        assert self.camera is not None
+        eye = self.camera.eye
+        if not np.array_equal(eye, self.baker.eye):
+            self.baker.eye = eye
+            if self.view is not None and self.view.result.vertex_radiosity_single is not None:
+                self.baker.wishes.put(None)
 
     def _size(self) -> tuple[int, int]:
         import glfw
@@ -178,6 +144,8 @@ class Window:
         """Draw, unless the picture would be the one that is shown already."""
         import glfw
 
+        if self.camera is not None:
+            self._look()
         doing = self.baker.doing
         stage = "" if doing is None else f"{doing[0]}  {100 * doing[1]:.0f} %" if doing[1] else doing[0]
         words = stage or (self.message if time.monotonic() < self.message_ends else "")
@@ -186,7 +154,7 @@ class Window:
             self.camera,
             self.exposure,
             self.scene.scale,
-            self.result,
+            self.view,
             words,
             self.shows_help,
         )
@@ -216,7 +184,7 @@ class Window:
             self._reset()
         elif letter == "S" and self.camera is not None:
             self._save()
-        elif letter == "L" and self.result is not None:
+        elif letter == "L" and self.view is not None:
             self.moves_light = not self.moves_light
             self._say("drag turns the " + ("light" if self.moves_light else "camera"))
 
@@ -262,7 +230,16 @@ class Window:
         turn = rotation(right, down) @ rotation(over, across)
         self.lights = [turned(light, turn, self.scene.mesh.bounds.mean(axis=0)) for light in self.lights]
         self.turned = True
-        self.baker.lights.put(self.lights)
+        self.baker.wishes.put(self.lights)
+
+
+def moved(camera: Camera, start: Camera) -> tuple[float, ...]:
+    """Zoom from one camera to another that looks the same way, and how far that is moved aside, if it is."""
+    right, over, nearer = camera.axes() @ (camera.target - start.target)
+    distance = camera.distance + nearer
+    height = replace(camera, distance=distance).picture_height
+    zoom, aside = round(start.distance / distance, 3), (round(right / height, 4), round(over / height, 4))
+    return (zoom, *aside) if any(aside) else (zoom,)
 
 
 def rotation(axis: np.ndarray, angle: float) -> np.ndarray:

@@ -1,5 +1,4 @@
 /* random.h -- counter-based random numbers: Philox4x32-10 (Salmon et al. 2011), the same on every device. */
-#define REAL3 GLUE(REAL, 3)
 
 typedef struct { uint4 counter; uint2 key; } Random;
 

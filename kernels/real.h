@@ -5,6 +5,7 @@
 #define GLUE_(a, b) a##b
 #define GLUE(a, b) GLUE_(a, b)
 #define REAL2 GLUE(REAL, 2)
+#define REAL3 GLUE(REAL, 3)
 #define REAL4 GLUE(REAL, 4)
 #define REAL8 GLUE(REAL, 8)
 #define convert_REAL4 GLUE(convert_, REAL4)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from shapes import box_triangles, build_tree, hollow_sphere, solid, sphere, torus
+from shapes import box_triangles, build_tree, hollow_sphere, solid, sphere, sphere_triangles, torus
 
 from clsss.exchange import leaving_shape, trace_exchange
 from clsss.lights import DirectionalLight, Emission
 from clsss.materials import Material, fresnel_moments, fresnel_transmittance
+from clsss.rays import RayCaster
 from clsss.simulate import simulate
 from clsss.surface import boundary_points
 
@@ -123,6 +124,26 @@ def test_facing_plates_see_each_other_as_form_factors_say(single):
     found = flow[bottom][:, top].sum() / area[top].sum()
     # more leaves along the normal than from a Lambertian surface: between 1 and 5/4 times the form factor
     assert factor <= found <= 1.25 * factor
+
+
+@pytest.mark.parametrize("off", [-0.05, 0.0, 0.05])
+def test_a_lined_cavity_is_black(cavity, off):
+    """A black lining on the wall or a little to either side of it: nothing crosses, but for neighbours that touch."""
+    mesh, tree = cavity
+    lined = trace_exchange(mesh, tree, 1.3, RayCaster(sphere_triangles(6 - off * tree.grid.h)))
+    crossing = 0.0 if lined is None else lined.arriving.sum()
+    assert crossing <= 0.01 * trace_exchange(mesh, tree, 1.3).arriving.sum()
+
+
+def test_a_card_between_plates_is_black_on_both_sides(single):
+    """It leaves nothing of the exchange where it is, and all where it is not."""
+    plates = np.concatenate([box_triangles((10, 10, 2), (0, 0, z)) for z in (2, -2)])
+    mesh, tree = solid(plates), build_tree(single, solid(plates), 40)
+    card = RayCaster(np.array([[[-20.0, -20, 0.1], [20, -20, 0.1], [0, 40, 0.1]]]))
+    assert trace_exchange(mesh, tree, 1.0, card) is None
+    aside = RayCaster(card.triangles + np.array([0, 0, 9.0]))
+    plain, beside = trace_exchange(mesh, tree, 1.0), trace_exchange(mesh, tree, 1.0, aside)
+    assert (plain.arriving != beside.arriving).nnz == 0
 
 
 def test_exchange_is_the_same_every_time(single):

@@ -55,6 +55,7 @@ def result():
         medium=medium,
         vertex_radiosity=radiosity,
         vertex_fluence=2 * radiosity,
+        vertex_radiosity_single=None,
         report={"clsss": "x"},
     )
 
@@ -199,3 +200,21 @@ def test_far_from_the_origin_the_shape_survives(result, tmp_path):
         export.save(result, tmp_path / f"far.{suffix}")
         read = trimesh.load_scene(tmp_path / f"far.{suffix}", process=False).to_mesh().vertices[:4]
         np.testing.assert_allclose(read - (5e6, 4e6, 1e3), near, atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".ply", ".npz", ".vtu"])
+def test_what_was_scattered_once_is_kept_beside(result, tmp_path, suffix):
+    result.vertex_radiosity_single = 0.25 * result.vertex_radiosity
+    path = tmp_path / f"a{suffix}"
+    export.save(result, path)
+    if suffix == ".glb":
+        tree, accessor = read_glb(path)
+        found = accessor(tree["meshes"][0]["primitives"][0]["attributes"]["_RADIOSITY_SINGLE"])
+    elif suffix == ".ply":
+        raw = pytest.importorskip("trimesh").load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]
+        found = np.stack([raw[f"radiosity_single_{channel}"].ravel() for channel in "rgb"], axis=1)
+    elif suffix == ".npz":
+        found = np.load(path)["radiosity_single"]
+    else:
+        found = pytest.importorskip("meshio").read(path).point_data["radiosity_single"]
+    np.testing.assert_allclose(found, result.vertex_radiosity_single, rtol=1e-6)

@@ -16,9 +16,10 @@ from clsss.lights import DirectionalLight, PointLight
 
 EVERY = shlex.split(
     "--size 2cm --material skin1 --sigma-a 0.1,0.2,0.3 --g 0.1 --eta 1.3 --phase p1 --mix ketchup:2mm:7"
-    " --light directional:0,-1,0.1:2 --light point:0,1.5,-2b --light point:1,2,3:4,5,6 --light env:sky.hdr"
+    " --scattering split --light directional:0,-1,0.1:2"
+    " --light point:0,1.5,-2b --light point:1,2,3:4,5,6 --light env:sky.hdr"
     " --light env:0.5 --blocker wall.ply --blocker a/b.ply --exposure -1.5 --up z --resolution 64 --tolerance 1e-3"
-    " --no-adaptive --precision double --device cpu -o out.glb --report r.json --camera -30,15,2"
+    " --no-adaptive --precision double --device cpu -o out.glb --report r.json --camera -30,15,2,0.1,-0.25"
 )
 
 
@@ -160,3 +161,17 @@ def test_turned_lights_become_options_that_give_them():
     np.testing.assert_allclose(made[0].irradiance, (1, 2, 3))
     np.testing.assert_allclose(made[1].position, (1, 2, 3))
     np.testing.assert_allclose(made[1].intensity, 5)
+
+
+def test_what_the_camera_saw_is_kept():
+    """Orbited, zoomed and moved aside in any order: the options give a camera that sees the same picture."""
+    mesh = SimpleNamespace(vertices=np.random.default_rng(3).normal(size=(50, 3)), faces=np.arange(48).reshape(16, 3))
+    args = argparse.Namespace(camera=(-25.0, 12.0, 1.0), up="z")
+    left = window.start_camera(args, mesh, 1.5).panned(0.2, -0.1).orbited(70, -20).zoomed(1.7).panned(-0.05, 0.3)
+    args.camera = left.azimuth, left.elevation, 1.0
+    args.camera = (*args.camera[:2], *window.moved(left, window.start_camera(args, mesh, 1.5)))
+    again = window.start_camera(args, mesh, 1.5)
+    clip = [np.hstack([mesh.vertices, np.ones((50, 1))]) @ c.matrix(1.5, 9.0).T for c in (left, again)]
+    seen = [c[:, :2] / c[:, 3:] for c in clip]
+    np.testing.assert_allclose(*seen, atol=2e-3)
+    assert len(window.moved(again.zoomed(2), again)) == 1

@@ -100,6 +100,34 @@ def test_a_blocker_casts_its_shadow():
     assert covered.radiosity(dark).max() <= 1e-3 * open_.radiosity(dark).min()
 
 
+@pytest.mark.filterwarnings("ignore:diffusion is only approximate")
+def test_blockers_may_be_flat_or_open():
+    """A card shades as a board does; a tube without ends lets light through."""
+    medium, sun = Material(sigma_a=0.3, sigma_s=2.0), DirectionalLight((0, 0, -1))
+    board = solid(box_triangles((16.0, 30.0, 0.5), (8.0, 0.0, 6.0)))
+    corners = np.array([[0, -15, 6], [16, -15, 6], [16, 15, 6], [0, 15, 6]], float)
+    card = clsss.load_mesh(trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]), solid=False)
+    tube = trimesh.creation.cylinder(9.0, 8.0)
+    tube.update_faces(abs(tube.face_normals[:, 2]) < 0.5)
+    tube.apply_translation((0, 0, 8.0))
+    by = {name: simulate(box((24, 24, 4)), medium, [sun], resolution=40, blockers=b)
+          for name, b in {"nothing": (), "board": [board], "card": [card],
+                          "tube": [clsss.load_mesh(tube, solid=False)]}.items()}  # fmt: skip
+    y = np.linspace(-4, 4, 20)
+    lit, dark = (np.stack([np.full(20, x), y, np.full(20, 2.0)], axis=1) for x in (-4.0, 4.0))
+    for points in (lit, dark):
+        np.testing.assert_allclose(by["card"].radiosity(points), by["board"].radiosity(points), atol=1e-3)
+        np.testing.assert_allclose(by["tube"].radiosity(points), by["nothing"].radiosity(points), rtol=0.01)
+    assert by["card"].radiosity(dark).max() < 0.05 * by["nothing"].radiosity(dark).min()
+
+
+def test_a_flat_card_is_no_object():
+    card = clsss.load_mesh(trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), size=30, solid=False)
+    assert card.report["scale"] == 30
+    with pytest.raises(InputError, match="holds no volume"):
+        simulate(card, MARBLE, [SUN])
+
+
 @pytest.mark.parametrize("adaptive", [True, False], ids=["adaptive", "uniform"])
 def test_sphere_in_a_beam(adaptive):
     """Against spherical harmonics, inside and at the surface."""
@@ -411,6 +439,19 @@ def test_radiosity_as_by_path_tracing(shared, case, bar):
     medium = Material(float(truth["sigma_a"]), float(truth["sigma_s"]), g=float(truth["g"]), eta=float(truth["eta"]))
     result = simulate(mesh, medium, [DirectionalLight(truth["light_dir"])], resolution=64)
     assert relative_rms(result.radiosity(truth["points"])[:, 0], truth["radiosity_total"]) <= bar
+
+
+@pytest.mark.parametrize("scattering", ["all", "split"])
+def test_black_cavity_as_by_path_tracing(shared, scattering):
+    """A blocker lines the cavity: what leaves into it does not return, and the beam does not cross it."""
+    truth = np.load(shared / "truth" / "mitsuba" / "box10_cavity_black.npz")
+    whole = trimesh.Trimesh(truth["vertices"], truth["faces"], process=False)
+    wall = trimesh.Trimesh(truth["vertices"], truth["faces"][truth["face_part"] == 1])
+    medium = Material(float(truth["sigma_a"]), float(truth["sigma_s"]))
+    result = simulate(clsss.load_mesh(whole), medium, [DirectionalLight(truth["light_dir"])], resolution=64,
+                      scattering=scattering, blockers=[clsss.load_mesh(wall, solid=False)])  # fmt: skip
+    outer = truth["part"] == 0
+    assert relative_rms(result.radiosity(truth["points"])[outer, 0], truth["radiosity_total"][outer]) <= 0.06
 
 
 def test_a_solve_that_stops_short_says_so():

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from clsss import grammar, scenefile, view
+from clsss.baker import Baker
 from clsss.camera import Camera, fitted
 from clsss.errors import DeviceError
 from clsss.export import srgb_encode
 from clsss.overlay import panel
-from clsss.window import Baker, rotation, turned
+from clsss.window import rotation, turned
 
 SIZE = (160, 90)
 
@@ -140,20 +141,21 @@ def test_overlay_grows_with_its_text_and_its_bar_with_progress():
 
 def test_baker_reports_mesh_then_results_and_takes_the_last_lights(monkeypatch):
     def result(lights):
-        return SimpleNamespace(lights=lights, relight=lambda new, progress: result(new))
+        return SimpleNamespace(lights=lights, relight=lambda new, progress: result(new), vertex_radiosity=None,
+                               vertex_radiosity_single=None)  # fmt: skip
 
-    monkeypatch.setattr("clsss.window.load", lambda args: "mesh")
-    monkeypatch.setattr("clsss.window.bake", lambda args, mesh, progress: progress("solve", 0.5) or result("first"))
+    monkeypatch.setattr("clsss.baker.load", lambda args: "mesh")
+    monkeypatch.setattr("clsss.baker.bake", lambda args, mesh, progress: progress("solve", 0.5) or result("first"))
     baker = Baker(SimpleNamespace(), lambda: None)
     for lights in ("dropped", "last"):
-        baker.lights.put(lights)
+        baker.wishes.put(lights)
     baker.start()
     assert baker.events.get(timeout=5) == "mesh"
-    assert [baker.events.get(timeout=5).lights for _ in range(2)] == ["first", "last"]
+    assert [baker.events.get(timeout=5).result.lights for _ in range(2)] == ["first", "last"]
 
 
 def test_baker_hands_over_its_error(monkeypatch):
-    monkeypatch.setattr("clsss.window.load", lambda args: [][0])
+    monkeypatch.setattr("clsss.baker.load", lambda args: [][0])
     baker = Baker(SimpleNamespace(), threading.Event().set)
     baker.start()
     assert isinstance(baker.events.get(timeout=5), IndexError)

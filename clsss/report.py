@@ -1,0 +1,70 @@
+"""What a bake did, as data: mesh, octree, convergence, energy, seconds, memory.
+
+Its energy balances: absorbed + exited = deposited.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clsss import __version__
+from clsss.lighting import Scene, Solution
+
+
+def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
+    """The report of a bake; `seconds` are those of its stages."""
+    tree, medium, convergence = scene.octree, scene.medium, solution.convergence
+    absorbed = np.zeros(3)
+    for level, x, volume, sigma_a in zip(tree.levels, solution.phi, tree.volumes(), medium.sigma_a, strict=True):
+        rate = np.array(sigma_a.tolist()) if medium.homogeneous else sigma_a.get().astype(float)
+        absorbed += (x.get()[: level.n] * rate * (volume * level.leaf)[:, None]).sum(axis=0)[:3]
+    area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
+    exited = area @ solution.flux
+    return {
+        "clsss": __version__,
+        "device": scene.device.name,
+        "precision": scene.device.precision,
+        "mesh": {key: scene.mesh.report[key] for key in ("faces", "vertices", "closed", "repairs", "size_mm")},
+        "octree": {
+            "levels": len(tree.levels),
+            "cells": tree.n_cells,
+            "leaves": tree.n_leaves,
+            "cut_cells": tree.cut.n,
+            "cells_per_level": [level.n for level in tree.levels],
+            "h_mm": tree.grid.h,
+        },
+        "solve": {
+            "cycles": convergence.cycles,
+            "residuals": [r.tolist() for r in convergence.residuals],
+            "converged": convergence.converged,
+            "factor": convergence.factor,
+        },
+        "exchange": {
+            "patches": 0 if scene.exchange is None else scene.exchange.share.shape[0],
+            "rays": 0 if scene.exchange is None else scene.exchange.rays,
+        },
+        "energy": {
+            "incident_W": solution.source.incident.tolist(),
+            "deposited_W": solution.source.deposited.tolist(),
+            "absorbed_W": (absorbed * solution.unit).tolist(),
+            "exited_W": (exited * solution.unit).tolist(),
+        },
+        "seconds": {key.replace(" ", ""): round(value, 4) for key, value in seconds.items()},
+        "memory_mb": {
+            "device": (scene.device.peak - scene.bytes_before) / 2**20,
+            "peak_rss": _peak_rss_mb(),
+        },
+    }
+
+
+def _peak_rss_mb() -> float:
+    """Most memory that this process has held [MB]; `getrusage` may count its parent's."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as status:
+            return next(float(line.split()[1]) / 2**10 for line in status if line.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
