@@ -68,7 +68,7 @@ def test_single_and_multiple_scattering_as_by_path_tracing(albedo, single_bar, m
     np.testing.assert_allclose(spent, energy["deposited_W"], rtol=1e-3)
     if albedo == 0.5:
         plain = simulate(mesh, medium, [DOWN], resolution=40).radiosity(points)[:, 0]
-        assert relative_rms(total, truth.radiosity[:, 0]) < 0.6 * relative_rms(plain, truth.radiosity[:, 0])
+        assert relative_rms(total, truth.radiosity[:, 0]) < 0.8 * relative_rms(plain, truth.radiosity[:, 0])
 
 
 @pytest.mark.filterwarnings("ignore:diffusion is only approximate")
