@@ -3,8 +3,8 @@
     H = F B,   B = J.n + H,   J.n = (phi_B - 4 H_t / (1 - R_phi)) / (2A)
 
 H is the irradiance that arrives from the rest of the surface, H_t the part that the boundary lets in, B all that
-leaves. The exchange F between patches of cut cells is traced with rays from both ends of each pair, weighted so
-that what one patch sends is what the other receives.
+leaves. The exchange F between patches of cut cells is traced with rays from both ends of each pair, through the empty
+cells of the octree, weighted so that what one patch sends is what the other receives.
 
 References
 ----------
@@ -16,13 +16,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
 from clsss.materials import fresnel_A, fresnel_moments, fresnel_transmittance
-from clsss.mesh import Mesh
 from clsss.octree import Octree
 from clsss.rays import LINING, RayCaster
 from clsss.surface import boundary_points, tangent_frame
@@ -32,6 +32,7 @@ RAYS = 32  # rays of those that do
 PATCHES = 64  # patches along the longest side of the grid, at least
 NEAREST = 6  # patches that a cut cell's share is blended from
 CHUNK = 1 << 18
+HUGE = 1e30  # extinction of the object, for rays that go around it
 GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # R3 low-discrepancy sequence
 
 
@@ -68,15 +69,20 @@ def leaving_shape(mu: np.ndarray, eta: float) -> np.ndarray:
 
     L = (1 - R) (phi_B + 3 J cos theta_i) / (4 pi eta^2) with phi_B = 2 A J.
     """
-    A = fresnel_A(eta)
+    return _shape(mu, eta) / _lambertian(eta)
 
-    def shape(mu: np.ndarray) -> np.ndarray:
-        inner = np.sqrt(np.maximum(0, 1 - (1 - mu * mu) / eta**2))
-        return fresnel_transmittance(mu, eta) * (2 * A + 3 * inner)
 
+def _shape(mu: np.ndarray, eta: float) -> np.ndarray:
+    inner = np.sqrt(np.maximum(0, 1 - (1 - mu * mu) / eta**2))
+    return fresnel_transmittance(mu, eta) * (2 * fresnel_A(eta) + 3 * inner)
+
+
+@lru_cache(maxsize=64)
+def _lambertian(eta: float) -> float:
+    """2 int_0^1 shape mu dmu."""
     x, weight = np.polynomial.legendre.leggauss(64)
     nodes = (x + 1) / 2
-    return shape(mu) / float((weight * nodes * shape(nodes)).sum())
+    return float((weight * nodes * _shape(nodes, eta)).sum())
 
 
 def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np.ndarray, sparse.csr_matrix]:
@@ -107,23 +113,16 @@ def _blend(share: sparse.csr_matrix, points: np.ndarray, normals: np.ndarray) ->
 
 
 class _Tracer:
-    """Rays from patches to the patches that they hit."""
+    """Rays from patches to the patches that they hit, through the cells of the octree (kernels/seen.cl)."""
 
-    def __init__(self, mesh: Mesh, octree: Octree, patch: np.ndarray, blockers: RayCaster | None):
-        self.blockers = blockers
-        self.caster, self.octree, self.patch = RayCaster(mesh.triangles), octree, patch
+    def __init__(self, octree: Octree, patch: np.ndarray, blockers: RayCaster | None):
+        self.blockers, self.octree, self.patch = blockers, octree, patch
         self.points, self.normals = boundary_points(octree)
         flat = np.linalg.norm(self.normals, axis=1) < 0.5  # two sheets that cancel have no normal
         self.normals[flat] = [0, 0, 1]
         self.tangents, self.bitangents = tangent_frame(self.normals)
-        self.h = octree.grid.h
-        self.cut_index = octree.cut_index.get()
-        corner = np.moveaxis(mesh.triangles, 1, 0)
-        facing = np.cross(corner[1] - corner[0], corner[2] - corner[0])
-        self.facing = facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-300)
         order = np.argsort(patch, kind="stable")
         self.members, self.first = order, np.searchsorted(patch[order], np.arange(patch.max() + 2))
-        self.tree: cKDTree | None = None
         self.rays = 0
 
     def trace(self, patches: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -136,51 +135,42 @@ class _Tracer:
         n, s, t = self.normals[cell], self.tangents[cell], self.bitangents[cell]
         radius, angle, mu = np.sqrt(u[:, :1]), 2 * np.pi * u[:, 1:2], np.sqrt(1 - u[:, :1])
         direction = radius * (np.cos(angle) * s + np.sin(angle) * t) + mu * n
-        origin = self.points[cell] + 0.1 * self.h * n
-        distance, triangle = self.caster.hit(origin, direction, exact=False)
-        slope = np.einsum("ij,ij->i", self.facing[triangle], direction)
-        # a centroid under the mesh's skin meets it from behind: go on from there
-        behind = np.flatnonzero((triangle >= 0) & (slope > 0))
-        if len(behind):
-            start = origin[behind] + (distance[behind, None] + 1e-3 * self.h) * direction[behind]
-            further, triangle[behind] = self.caster.hit(start, direction[behind], exact=False)
-            distance[behind] += further + 1e-3 * self.h
-            slope[behind] = np.einsum("ij,ij->i", self.facing[triangle[behind]], direction[behind])
-        hit = np.flatnonzero((triangle >= 0) & (slope < 0))
+        origin = self.points[cell] + 0.1 * self.octree.grid.h * n
+        met = self._first_met(origin, direction)
+        hit = np.flatnonzero((met >= 0) & (self.patch[met] != patches))
         if self.blockers:
             # from inside to inside: what lines a wall is in the way, on whichever side of it rounding puts it
-            start = self.points[cell[hit]] - LINING * self.h * n[hit]
-            end = origin[hit] + distance[hit, None] * direction[hit] - LINING * self.h * self.facing[triangle[hit]]
+            start = self.points[cell[hit]] - LINING * self.octree.grid.h * n[hit]
+            end = self._ends(origin[hit], direction[hit], met[hit])
             hit = hit[~self.blockers.occluded(start, end - start, 1.0)]
-        end = origin[hit] + distance[hit, None] * direction[hit]
-        other = self._cell_at(end, self.facing[triangle[hit]])
-        good = self.patch[other] != patches[hit]
-        hit, other = hit[good], other[good]
+        other = met[hit]
         arriving = np.clip(-np.einsum("ij,ij->i", self.normals[other], direction[hit]), 0.05, 1.0)
         return hit, self.patch[other], mu[hit, 0], arriving
 
-    def _cell_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Cut cell at points of the mesh, which may run half a cell beside the cells' own surface."""
-        found = np.full(len(points), -1)
-        for offset in (0.0, -0.4, 0.4):
-            left = np.flatnonzero(found < 0)
-            depth, index = self.octree.find(points[left] + offset * self.h * normals[left])
-            fine = depth == 0
-            found[left[fine]] = self.cut_index[index[fine]]
-        left = np.flatnonzero(found < 0)
-        if len(left):
-            self.tree = self.tree or cKDTree(self.points)
-            found[left] = self.tree.query(points[left])[1]
-        return found
+    def _first_met(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """The cut cell that each ray meets first, -1 where none."""
+        octree, n = self.octree, len(origin)
+        device = octree.clearance.device
+        met, opaque = device.empty(n, np.int32), device.vector([HUGE] * 4)
+        device.run(device.kernel("seen", "first_met"), -(-n // device.lanes), n, *octree.body, opaque,
+                   device.array(octree.grid.to_cells(origin)), device.array(direction), met)  # fmt: skip
+        return met.get()
+
+    def _ends(self, origin: np.ndarray, direction: np.ndarray, met: np.ndarray) -> np.ndarray:
+        """Where rays meet the planes of the cut cells `met`, just under them."""
+        h, normal, away = self.octree.grid.h, self.normals[met], self.points[met] - origin
+        slope = np.minimum(np.einsum("ij,ij->i", normal, direction), -1e-3)
+        nearest = np.einsum("ij,ij->i", away, direction)
+        reach = np.clip(np.einsum("ij,ij->i", away, normal) / slope, nearest - h, nearest + h)
+        return origin + reach[:, None] * direction - LINING * h * normal
 
 
-def trace_exchange(mesh: Mesh, octree: Octree, eta: float, blockers: RayCaster | None = None,
+def trace_exchange(octree: Octree, eta: float, blockers: RayCaster | None = None,
                    progress: Callable[[float], None] | None = None) -> Exchange | None:  # fmt: skip
     """The exchange between the parts of a surface, or None where no part sees another.
 
     Parameters
     ----------
-    mesh : Mesh
     octree : Octree
     eta : float
         Relative index of refraction.
@@ -195,7 +185,7 @@ def trace_exchange(mesh: Mesh, octree: Octree, eta: float, blockers: RayCaster |
     patch, share = _patches(octree, normals, areas)
     area = np.bincount(patch, areas)
     n = len(area)
-    tracer = _Tracer(mesh, octree, patch, blockers)
+    tracer = _Tracer(octree, patch, blockers)
     probes = np.repeat(np.arange(n), PROBES)
     found = [(probes, *tracer.trace(probes, np.tile(np.arange(PROBES), n)))]
     active = np.zeros(n, bool)

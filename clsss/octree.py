@@ -12,11 +12,13 @@ Haber et al. 2005, section 3.2.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from clsss.cutcell import CutCells, Grid, Samples, cut_moments
 from clsss.device import Buffer, Device
+from clsss.leafmap import clearance_map, leaf_map
 from clsss.refinement import Refine, pool, split_masks, spread
 
 
@@ -100,6 +102,13 @@ class Octree:
         return self.levels[-1]
 
     @property
+    def body(self) -> tuple[Any, ...]:
+        """What rays run through, as kernels take it (body.h), but for the medium's extinction."""
+        cut = self.cut
+        return (self.grid.dims, self.block, self.brick, self.clearance, self.cut_index, cut.boundary, cut.normal,
+                cut.centroid)  # fmt: skip
+
+    @property
     def n_cells(self) -> int:
         """Cells of all levels."""
         return sum(level.n for level in self.levels)
@@ -136,51 +145,6 @@ def _ordered(mask: np.ndarray) -> tuple[np.ndarray, tuple[int, int, int]]:
     black = (ijk.sum(axis=1) & 1).astype(bool)
     n_red = int((~black).sum())
     return np.concatenate([ijk[~black], ijk[black]]), (0, n_red, len(ijk))
-
-
-def _leaf_map(grid: Grid, cells: list[np.ndarray], leaf: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The two-level map of leaf codes (tree.h)."""
-    bz, by, bx = grid.blocks
-    block = np.full((bz, by, bx), -1, np.int32)
-    n_levels = len(cells)
-    small, codes = [], []
-    for level in range(n_levels):
-        depth = n_levels - 1 - level
-        where = np.flatnonzero(leaf[level])
-        ijk, code = cells[level][where], (where * 16 + depth).astype(np.int32)
-        if depth >= 3:
-            width = 1 << (depth - 3)
-            for dz, dy, dx in np.ndindex(width, width, width):
-                x, y, z = (ijk * width + [dx, dy, dz]).T
-                ok = (x < bx) & (y < by) & (z < bz)
-                block[z[ok], y[ok], x[ok]] = -2 - code[ok]
-        else:
-            small.append((ijk << depth, depth))
-            codes.append(code)
-    mark = np.zeros((bz, by, bx), bool)
-    for ijk, _ in small:
-        x, y, z = (ijk >> 3).T
-        mark[z, y, x] = True
-    block[mark] = np.arange(int(mark.sum()), dtype=np.int32)
-    brick = np.full(512 * max(1, int(mark.sum())), -1, np.int32)
-    for (ijk, depth), code in zip(small, codes, strict=True):
-        x, y, z = ijk.T
-        base = block[z >> 3, y >> 3, x >> 3] * 512 + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)
-        for dz, dy, dx in np.ndindex(1 << depth, 1 << depth, 1 << depth):
-            brick[base + (dz * 8 + dy) * 8 + dx] = code
-    return block.ravel(), brick
-
-
-def _clearance(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> Buffer:
-    """How far each cell of the finest grid is from one of another kind (clearance.cl)."""
-    kind = np.where(is_cut, 0, np.where(solid, 129, 1)).astype(np.uint8).ravel()
-    rows = grid.dims[1] * grid.dims[2]
-    first, second = device.array(kind), device.empty(len(kind), np.uint8)
-    device.run(device.kernel("clearance", "clear_along"), rows, rows, grid.dims, first, second)
-    across, n = device.kernel("clearance", "clear_across"), len(kind) // 8
-    device.run(across, n, n, grid.dims, 1, second, first)
-    device.run(across, n, n, grid.dims, 2, first, second)
-    return second
 
 
 def _index_map(shape: tuple[int, ...], ijk: np.ndarray) -> np.ndarray:
@@ -256,7 +220,7 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     cells, colour_start = zip(*[_ordered(mask) for mask in exists], strict=True)
     leaf = [~s[c[:, 2], c[:, 1], c[:, 0]] for s, c in zip(split, cells[:-1], strict=True)]
     leaf.append(np.ones(len(cells[-1]), bool))
-    block, brick = _leaf_map(grid, list(cells), leaf)
+    block, brick = leaf_map(grid, list(cells), leaf)
     block_buffer, brick_buffer = device.array(block), device.array(brick)
     levels: list[Level] = []
     sources: list[np.ndarray] = []
@@ -292,7 +256,7 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
             levels[number], interface=device.array(interface.astype(np.int32)), interface_start=device.array(start)
         )
     cut, cut_index = _cut_cells(device, samples, cut_rows, cells[-1], grid, block, brick)
-    clearance = _clearance(device, grid, solid, is_cut)
+    clearance = clearance_map(device, grid, solid, is_cut)
     return Octree(grid, tuple(levels), cut, cut_index, block_buffer, brick_buffer, clearance)
 
 

@@ -213,7 +213,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         dev.finish()
     with timed("exchange", seconds, tell):
         shadows = RayCaster(np.concatenate([b.vertices[b.faces] for b in blockers])) if blockers else None
-        coupling = trace_exchange(mesh, tree, medium.eta, shadows, lambda f: tell("exchange", f))
+        coupling = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
     scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, scattering == "split", tolerance, before)
     return _bake(scene, medium, lights, None, seconds, start, tell)
 

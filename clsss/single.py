@@ -30,7 +30,7 @@ from clsss.materials import fresnel_A, fresnel_moments, fresnel_reflectance
 from clsss.multigrid import Multigrid
 from clsss.octree import Octree
 from clsss.rays import RayCaster
-from clsss.source import Source, body, light_arguments, make_source, scattering, subtract_moment
+from clsss.source import Source, extinction, light_arguments, make_source, scattering, subtract_moment
 from clsss.surface import boundary_points, tangent_frame
 
 DEPTHS = 24  # points along a ray where the light may have scattered
@@ -59,9 +59,9 @@ class SingleScattering:
                  blockers: RayCaster | None = None):  # fmt: skip
         self.device, self.octree, self.medium = device, octree, medium
         self._lights = [light_arguments(device, octree, light, unit) for light in collimated(lights)]
-        self._body, self._scatters = body(device, octree, medium), scattering(device, octree, medium)
-        total = self._body[-1].tolist()[:3] if medium.homogeneous else self._body[-2].get()
-        self._rate = float(np.mean(total))
+        total = extinction(device, octree, medium)
+        self._body, self._scatters = (*octree.body, *total), scattering(device, octree, medium)
+        self._rate = float(np.mean(total[0].tolist()[:3] if medium.homogeneous else total[0].get()))
         self._surface: tuple[Any, ...] = ()
         if blockers:
             triangles = octree.grid.to_cells(blockers.triangles)

@@ -50,17 +50,14 @@ class Source:
     incident: np.ndarray
 
 
-def body(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
-    """What rays run through (body.h), extinction per cell width: a vector, or all levels' cells and their starts."""
-    cut = octree.cut
-    shape = (octree.grid.dims, octree.block, octree.brick, octree.clearance, octree.cut_index, cut.boundary, cut.normal,
-             cut.centroid)  # fmt: skip
+def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
+    """Extinction per finest cell width as rays take it (body.h): a vector, or all levels' cells and their starts."""
     if medium.homogeneous:
         total = [a + s for a, s in zip(medium.sigma_a[-1].tolist(), medium.sigma_s[-1].tolist(), strict=True)]
-        return *shape, device.vector([octree.grid.h * t for t in total])
+        return (device.vector([octree.grid.h * t for t in total]),)
     parts = [a.get() + s.get() for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
-    return *shape, device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
+    return device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
 
 
 def scattering(device: Device, octree: Octree, medium: Coefficients) -> Any:
@@ -101,7 +98,7 @@ class Beams:
         self.incident = np.zeros(3)
         self._F = Field(device, octree)
         self._F_B = device.empty((n_cut, CHANNELS))
-        self._body = body(device, octree, medium)
+        self._body = (*octree.body, *extinction(device, octree, medium))
         self._normal = octree.cut.normal.get()[:, :3].astype(float) * octree.grid.h**2
         self._x_B = octree.finest.ijk[octree.cut.cell.get()] + octree.cut.boundary.get()[:, :3].astype(float)
 

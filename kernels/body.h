@@ -54,5 +54,8 @@ REAL share_inside(const Body body, const int cut, const REAL4 p, const REAL4 dir
     const REAL4 n = body.normal[cut], b = body.boundary[cut];
     if (dot(n, n) < (REAL)0.25 * b.w * b.w) return body.centroid[cut].w; /* two sheets have no one plane */
     const REAL height = dot((p - b).xyz, n.xyz), rise = dot(dir.xyz, n.xyz);
+#ifdef OUTSIDE
+    if (rise > 0) return 0; /* a ray that starts under the skin comes out of it */
+#endif
     return share_below(height + t * rise, height + end * rise);
 }

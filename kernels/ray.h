@@ -18,7 +18,8 @@ typedef struct {
     Reals distance; /* to go at most */
 } Rays;
 
-/* What rays met: optical depth, cut cell where the light enters the object last (-1: none), length inside. */
+/* What rays met: optical depth, cut cell where the light enters the object last (-1: none), length inside. Where rays
+ * run OUTSIDE the object, the last cut cell on their way. */
 typedef struct {
     REAL4 tau[LANES];
     Ints entry;
@@ -88,7 +89,11 @@ void cross_cut_cells(const Body body, const Rays *rays, const Ints place, const 
                                 axis[2].from.at[l] - axis[2].cell.at[l], 0);
         const REAL4 to = (REAL4)(axis[0].to.at[l], axis[1].to.at[l], axis[2].to.at[l], 0);
         const REAL share = share_inside(body, cut, p, to, t.at[l], end.at[l]);
+#ifdef OUTSIDE
+        met->entry.at[l] = cut;
+#else
         met->entry.at[l] = share > 0 ? cut : met->entry.at[l];
+#endif
         length->at[l] = share * (end.at[l] - t.at[l]);
     }
 }

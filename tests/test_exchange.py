@@ -39,15 +39,13 @@ CONVEX = {
 @pytest.mark.parametrize("shape", CONVEX)
 def test_convex_bodies_exchange_nothing(single, shape):
     mesh = CONVEX[shape]()
-    assert trace_exchange(mesh, build_tree(single, mesh, 32), 1.3) is None
+    assert trace_exchange(build_tree(single, mesh, 32), 1.3) is None
 
 
 @pytest.fixture(scope="module")
 def cavity(single):
-    """A hollow sphere, the exchange across its cavity, and the area of each patch on the cavity's wall."""
-    mesh = hollow_sphere(10, 6)
-    tree = build_tree(single, mesh, 40)
-    return mesh, tree
+    """The octree of a hollow sphere."""
+    return build_tree(single, hollow_sphere(10, 6), 40)
 
 
 def of_wall(tree, exchange):
@@ -61,8 +59,8 @@ def of_wall(tree, exchange):
 @pytest.mark.parametrize("eta", [1.0, 1.3])
 def test_all_that_leaves_a_cavity_s_wall_arrives_there(cavity, eta):
     """Row sums: irradiance under uniform exitance 1. Column sums: power that arrives of what one patch sends."""
-    mesh, tree = cavity
-    exchange = trace_exchange(mesh, tree, eta)
+    tree = cavity
+    exchange = trace_exchange(tree, eta)
     area, wall = of_wall(tree, exchange)
     F = exchange.arriving
     received = F @ np.ones(F.shape[1])
@@ -77,8 +75,8 @@ def test_all_that_leaves_a_cavity_s_wall_arrives_there(cavity, eta):
 
 def test_exchange_within_a_sphere_is_reciprocal_and_uniform(cavity):
     """Both ends of a chord meet the wall at one angle: A_i F_ij is symmetric, and each patch sees all others."""
-    mesh, tree = cavity
-    exchange = trace_exchange(mesh, tree, 1.0)
+    tree = cavity
+    exchange = trace_exchange(tree, 1.0)
     area, wall = of_wall(tree, exchange)
     flow = exchange.arriving.multiply(area[:, None]).tocsr()
     assert abs(flow - flow.T).sum() <= 0.1 * flow.sum()
@@ -91,9 +89,9 @@ def test_exchange_within_a_sphere_is_reciprocal_and_uniform(cavity):
 
 def test_what_enters_is_the_transmitted_part(cavity):
     """H_t <= H, and about 1 - R_ext for diffuse light."""
-    mesh, tree = cavity
+    tree = cavity
     eta = 1.3
-    exchange = trace_exchange(mesh, tree, eta)
+    exchange = trace_exchange(tree, eta)
     area, _ = of_wall(tree, exchange)
     one = np.ones(len(area))
     arriving, entering = exchange.arriving @ one, exchange.entering @ one
@@ -110,7 +108,7 @@ def test_facing_plates_see_each_other_as_form_factors_say(single):
     side, gap = 10.0, 5.0
     plates = np.concatenate([box_triangles((side, side, 2), (0, 0, z * (gap / 2 + 1))) for z in (1, -1)])
     tree = build_tree(single, solid(plates), 40)
-    exchange = trace_exchange(solid(plates), tree, 1.0)
+    exchange = trace_exchange(tree, 1.0)
     points, normals = boundary_points(tree)
     areas = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
     area = (exchange.share > 0) @ areas
@@ -129,27 +127,27 @@ def test_facing_plates_see_each_other_as_form_factors_say(single):
 @pytest.mark.parametrize("off", [-0.05, 0.0, 0.05])
 def test_a_lined_cavity_is_black(cavity, off):
     """A black lining on the wall or a little to either side of it: nothing crosses, but for neighbours that touch."""
-    mesh, tree = cavity
-    lined = trace_exchange(mesh, tree, 1.3, RayCaster(sphere_triangles(6 - off * tree.grid.h)))
+    tree = cavity
+    lined = trace_exchange(tree, 1.3, RayCaster(sphere_triangles(6 - off * tree.grid.h)))
     crossing = 0.0 if lined is None else lined.arriving.sum()
-    assert crossing <= 0.01 * trace_exchange(mesh, tree, 1.3).arriving.sum()
+    assert crossing <= 0.01 * trace_exchange(tree, 1.3).arriving.sum()
 
 
 def test_a_card_between_plates_is_black_on_both_sides(single):
     """It leaves nothing of the exchange where it is, and all where it is not."""
     plates = np.concatenate([box_triangles((10, 10, 2), (0, 0, z)) for z in (2, -2)])
-    mesh, tree = solid(plates), build_tree(single, solid(plates), 40)
+    tree = build_tree(single, solid(plates), 40)
     card = RayCaster(np.array([[[-20.0, -20, 0.1], [20, -20, 0.1], [0, 40, 0.1]]]))
-    assert trace_exchange(mesh, tree, 1.0, card) is None
+    assert trace_exchange(tree, 1.0, card) is None
     aside = RayCaster(card.triangles + np.array([0, 0, 9.0]))
-    plain, beside = trace_exchange(mesh, tree, 1.0), trace_exchange(mesh, tree, 1.0, aside)
+    plain, beside = trace_exchange(tree, 1.0), trace_exchange(tree, 1.0, aside)
     assert (plain.arriving != beside.arriving).nnz == 0
 
 
 def test_exchange_is_the_same_every_time(single):
     mesh = torus()
     tree = build_tree(single, mesh, 24)
-    one, other = trace_exchange(mesh, tree, 1.3), trace_exchange(mesh, tree, 1.3)
+    one, other = trace_exchange(tree, 1.3), trace_exchange(tree, 1.3)
     assert (one.arriving != other.arriving).nnz == 0
     assert (one.entering != other.entering).nnz == 0
 

@@ -35,7 +35,7 @@ LAYERS = {
     1.1: ["paths", "photons"],
     1.2: ["montecarlo"],
     1.3: ["reference"],
-    1.4: ["refinement"],
+    1.4: ["refinement", "leafmap"],
     2: ["octree"],
     3: ["diffusion"],
     3.1: ["source", "anderson"],
