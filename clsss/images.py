@@ -1,6 +1,6 @@
 """Pictures of light: files to linear radiance, top row first.
 
-Radiance .hdr (RGBE, plain or run-length encoded) keeps its values; other pictures are sRGB from 0 to 1.
+Radiance .hdr (RGBE, plain or run-length encoded) and OpenEXR keep their values; other pictures are sRGB from 0 to 1.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ import numpy as np
 
 from clsss.errors import InputError
 
+EXR = b"v/1\x01"  # what OpenEXR files begin with
+
 
 def read_radiance(path: str | os.PathLike[str]) -> np.ndarray:
     """Linear RGB of a picture.
@@ -20,7 +22,7 @@ def read_radiance(path: str | os.PathLike[str]) -> np.ndarray:
     Parameters
     ----------
     path : str or path-like
-        A Radiance ``.hdr`` file, or anything Pillow reads.
+        A Radiance ``.hdr`` or OpenEXR ``.exr`` file, or anything Pillow reads.
 
     Returns
     -------
@@ -30,7 +32,7 @@ def read_radiance(path: str | os.PathLike[str]) -> np.ndarray:
     Raises
     ------
     InputError
-        The file cannot be read or is no picture.
+        The file cannot be read or is no picture, or the package for its format is missing.
 
     References
     ----------
@@ -45,7 +47,26 @@ def read_radiance(path: str | os.PathLike[str]) -> np.ndarray:
             return _rgbe(data)
         except (ValueError, IndexError) as error:
             raise InputError(f"{path}: is no complete Radiance picture: {error}") from error
+    if data.startswith(EXR):
+        return _exr(Path(path))
     return _pillow(Path(path))
+
+
+def _exr(path: Path) -> np.ndarray:
+    """The channels R, G and B of the first part, or Y as grey."""
+    try:
+        import OpenEXR
+
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: channel.pixels.astype(float) for name, channel in file.channels().items()}
+    except ImportError as error:
+        raise InputError(f"{path}: needs a package for this format: pip install 'clsss[exr]'") from error
+    except Exception as error:  # a damaged file may raise anything
+        raise InputError(f"{path}: is no complete OpenEXR picture: {error}") from error
+    names = "RGB" if {"R", "G", "B"} <= set(channels) else "YYY"
+    if names[0] not in channels:
+        raise InputError(f"{path}: needs the channels R, G and B, or Y, has {', '.join(channels)}")
+    return np.stack([channels[name] for name in names], axis=2)
 
 
 def _pillow(path: Path) -> np.ndarray:
@@ -55,7 +76,7 @@ def _pillow(path: Path) -> np.ndarray:
         with Image.open(path) as picture:
             x = np.asarray(picture.convert("RGB"), float) / 255
     except OSError as error:
-        raise InputError(f"{path}: is no picture that can be read (.hdr, .png and .jpg are)") from error
+        raise InputError(f"{path}: is no picture that can be read (.hdr, .exr, .png and .jpg are)") from error
     return srgb_decode(x)
 
 

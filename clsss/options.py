@@ -58,7 +58,7 @@ LIGHT_HELP = """lights (--light, repeatable; several add up):
   point:X,Y,Z[:I]            lamp at X,Y,Z mm of the mesh's frame; I in W/sr, one number or R,G,B
   point:X,Y,Zb[:I]           the same in half-sides of the bounding box from its centre: 0,1.5,0b is above it;
                              without I, a lamp gives 1 W/mm^2 at the centre of the box
-  env:FILE.hdr               light from all around, an equirectangular picture (.hdr .png .jpg), W/mm^2/sr
+  env:FILE.hdr               light from all around, an equirectangular picture (.hdr .exr .png .jpg), W/mm^2/sr
   env:L or env:R,G,B         the same light from everywhere
 without --light: a light from behind and a weak one from the front
 

@@ -68,6 +68,7 @@ ONLY_IN = {
     "tomli_w": {"scenefile"},
     "nrrd": {"volumes"},
     "nibabel": {"volumes"},
+    "OpenEXR": {"images"},
 }
 MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import cases
 import numpy as np
@@ -62,6 +63,51 @@ def test_slab_reflectance_and_transmittance(wide_slab):
         assert relative_rms(bottom[:, channel], T * solution.transmittance) <= 0.02
         assert top[:, channel].mean() == pytest.approx(T * solution.reflectance, rel=0.01)
         assert bottom[:, channel].mean() == pytest.approx(T * solution.transmittance, rel=0.01)
+
+
+def test_an_index_below_that_around():
+    """eta = 0.8, an air bubble's side: no light is totally reflected inside, and a beam enters with T(1)."""
+    medium, eta = Material(sigma_a=0.1, sigma_s=1.5, eta=0.8), 0.8
+    result = simulate(box((24, 24, 4)), medium, [DirectionalLight((0, 0, -1))], resolution=80)
+    exact, T = slab(4.0, 0.1, 1.5, fresnel_A=fresnel_A(eta)), float(fresnel_transmittance(1.0, eta))
+    for z, expected in ((2.0, exact.reflectance), (-2.0, exact.transmittance)):
+        assert result.radiosity([[0.3, 0.2, z]])[0, 0] == pytest.approx(T * expected, rel=0.01)
+    energy = result.report["energy"]
+    np.testing.assert_allclose(np.add(energy["absorbed_W"], energy["exited_W"]), energy["deposited_W"], rtol=1e-3)
+
+
+@pytest.mark.parametrize("phase", ["delta-eddington", "p1"])
+def test_light_goes_deeper_the_more_forward_it_scatters(phase):
+    """g = 0, 0.5, 0.9 at one sigma_s: what comes through a slab rises."""
+    media = [Material(0.02, 6.0, g=g, eta=1.3) for g in (0.0, 0.5, 0.9)]
+    through = [simulate(box((12, 12, 3)), m, [DirectionalLight((0, 0, -1))], resolution=72,
+                        phase=phase).radiosity([[0.1, 0.2, -1.5]])[0, 0] for m in media]  # fmt: skip
+    assert 2 * through[0] < through[1] < through[2] / 2
+
+
+@pytest.mark.parametrize("contrast", [10, 100])
+def test_contrasts_converge(contrast):
+    """Noise between a medium and one so many times as dense: in few cycles, and energy balances."""
+    thin = Material(0.001, 0.3, eta=1.3)
+    dense = Material(contrast * thin.sigma_a, contrast * thin.sigma_s, eta=1.3)
+    result = simulate(sphere(subdivisions=4), clsss.Mix(thin, dense, clsss.Perlin(scale=4.0)), [SUN], resolution=40)
+    report = result.report
+    assert report["solve"]["converged"]
+    assert report["solve"]["cycles"] <= {10: 12, 100: 25}[contrast]
+    energy = report["energy"]
+    np.testing.assert_allclose(np.add(energy["absorbed_W"], energy["exited_W"]), energy["deposited_W"], rtol=2e-3)
+
+
+def test_doubts_are_told_once():
+    """A bake of one object by several lights, and relighting it, warns one time."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        result = simulate(sphere(subdivisions=3), Material(0.5, 1.0), [SUN, PointLight((0, 20, 0), 5.0)], resolution=12)
+        result.relight([SUN])
+    assert [str(t.message) for t in told if t.category is clsss.DiffusionWarning] == [
+        "diffusion is only approximate here: the reduced albedo is 0.67 in red, 0.67 in green, 0.67 in blue; "
+        "it should be 0.9 or more"
+    ]
 
 
 def test_optically_thick_cells_keep_the_colour():
