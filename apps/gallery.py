@@ -2,26 +2,32 @@
 
     python apps/gallery.py [--mesh FILE] [--only NAME] [--resolution N] [--quick] [--out FOLDER]
 
-Draws FOLDER/NAME.png (docs/gallery by default), panels at one exposure a row. Two minutes on two cores.
+Draws FOLDER/NAME.png (docs/gallery by default), panels at one exposure a row. Five minutes on two cores. The row of
+forward scattering shows the dragon of the folder CLSSS_SHARED, where that is set.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from PIL import Image, ImageDraw, ImageFont
+from scipy.spatial import cKDTree
 
 import clsss
+from clsss.baker import seen_from
 from clsss.camera import Camera, fitted
 from clsss.demo import demo_mesh
 from clsss.export import display_scale
+from clsss.mesh import contains
 from clsss.opengl import standalone_context
 from clsss.scene import Scene
 
-SIZE, BAND = (520, 420), 34
+SIZE, BAND = (420, 340), 30
 BACK = clsss.DirectionalLight((0.45, -0.35, 0.8), irradiance=1.0)
 FRONT = clsss.DirectionalLight((0.3, -0.5, -0.8), irradiance=0.15)
 Panel = tuple[str, np.ndarray]
@@ -35,7 +41,6 @@ class Baker:
         self.mesh = self.load(20.0)
         toward = Camera(np.zeros(3), 1.0, azimuth=-25, elevation=12)
         self.camera = fitted(self.mesh.vertices, toward, SIZE[0] / SIZE[1])
-        self.eye = self.camera.target + self.camera.distance * self.camera.axes()[2]
 
     def load(self, size: float) -> clsss.Mesh:
         """The mesh, `size` mm long."""
@@ -69,6 +74,29 @@ def mixtures(baker: Baker) -> list[Panel]:
     })  # fmt: skip
 
 
+def given(baker: Baker) -> list[Panel]:
+    """What the inside is made of, given as voxels, as a function of place, and as colours of the surface."""
+    low, high = baker.mesh.bounds
+    milk = clsss.material("skimmilk")
+    cocoa = clsss.Material.from_reduced((0.03, 0.11, 0.26), 2.0, eta=milk.eta)
+    middle, size = (low + high) / 2, baker.mesh.size
+    rings = 0.5 + 0.5 * np.sin(np.linspace(0, 12 * np.pi, 96))[:, None, None] * np.ones((96, 4, 4))
+    voxels = clsss.Voxels(rings, low, (high - low) / rings.shape)
+
+    def core(points: np.ndarray) -> np.ndarray:
+        return np.clip(2.2 - np.linalg.norm(points - middle, axis=1) / (0.16 * size), 0, 1)
+
+    height = (baker.mesh.vertices[:, 1] - low[1]) / (high - low)[1]
+    colours = np.stack([0.9 - 0.6 * height, 0.35 + 0.1 * height, 0.2 + 0.7 * height], axis=1)
+    painted = clsss.Inward.painted(baker.mesh.vertices, colours, clsss.material("marble"))
+    lights = [BACK, FRONT]
+    return baker.panels({
+        "voxels: rings of cocoa in milk": (clsss.Mix(milk, cocoa, voxels), lights),
+        "a function: a core of cocoa": (clsss.Mix(milk, cocoa, core), lights),
+        "colours of the surface, inward": (painted, lights),
+    })  # fmt: skip
+
+
 def anisotropy(baker: Baker) -> list[Panel]:
     """The same scattering, more and more of it forward: light goes deeper."""
     return baker.panels({
@@ -84,7 +112,7 @@ def mismatch(baker: Baker) -> list[Panel]:
 
 
 def lights(baker: Baker) -> list[Panel]:
-    """A lamp, light from all around, and the material's own glow."""
+    """A lamp, a sky, the material's own glow, and all of them in one solve."""
     high = baker.mesh.bounds[1]
     lamp = clsss.PointLight((0.0, high[1] + 6.0, 6.0), 100.0)
     middle = baker.mesh.bounds.mean(axis=0)
@@ -93,24 +121,54 @@ def lights(baker: Baker) -> list[Panel]:
         near = np.exp(-((np.linalg.norm(points - middle, axis=1) / 3.5) ** 2))
         return near[:, None] * np.array([0.5, 0.22, 0.06])
 
-    return baker.panels({
-        "a lamp": (clsss.material("skimmilk"), [lamp]),
-        "a sky": (clsss.material("skimmilk"), [clsss.EnvironmentLight(0.3)]),
-        "embers inside": (clsss.material("skimmilk"), [clsss.Emission(embers)]),
-    })  # fmt: skip
+    picture = np.linspace(1.0, 0.0, 16)[:, None, None] ** 2 * np.array([0.25, 0.5, 1.0]) * np.ones((16, 32, 1))
+    picture[9:11, 20:24] = (6.0, 2.5, 0.8)  # low in the sky, a sun
+    each = {"a lamp": lamp, "a sky": clsss.EnvironmentLight(picture), "embers inside": clsss.Emission(embers)}
+    milk = clsss.material("skimmilk")
+    return baker.panels({**{name: (milk, [light]) for name, light in each.items()},
+                         "all three": (milk, list(each.values()))})  # fmt: skip
 
 
 def visibility(baker: Baker) -> list[Panel]:
     """What stands in the light: the object itself, its own light between its parts, another body."""
     marble, side = clsss.material("marble"), clsss.DirectionalLight((-1.0, -0.4, -0.1))
-    import trimesh
-
     low, high = baker.mesh.bounds
     board = trimesh.creation.box((0.5, 0.5 * (high - low)[1], 30.0))
     board.apply_translation((high[0] + 3.0, low[1] + 0.75 * (high - low)[1], 0.0))
     plain = baker.bake(marble, [side])
-    shaded = baker.bake(marble, [side], blockers=[clsss.load_mesh(board)])
-    return [("side light", plain.vertex_radiosity), ("a board before it", shaded.vertex_radiosity)]
+    slats = [trimesh.creation.box((2.2, 1e-9, 60.0)) for _ in range(9)]
+    for k, slat in enumerate(slats):
+        slat.apply_transform(trimesh.transformations.rotation_matrix(1.2, (0, 0, 1)))
+        slat.apply_translation((high[0] + 3.0, low[1] + 3.2 * k, 0.0))
+    blind = clsss.load_mesh(trimesh.util.concatenate(slats), solid=False)
+    shaded, striped = (baker.bake(marble, [side], blockers=[b]) for b in (clsss.load_mesh(board), blind))
+    return [("light from the side", plain.vertex_radiosity), ("a board before it", shaded.vertex_radiosity),
+            ("a blind of flat cards", striped.vertex_radiosity)]  # fmt: skip
+
+
+def hollow(baker: Baker) -> Iterator[Panel]:
+    """A cavity lets light through unattenuated and gives back what falls on its wall; lined with black, it does not."""
+    whole = baker.mesh
+    bubble = _bubble(whole)
+    lining = clsss.load_mesh(bubble, solid=False)
+    inner = trimesh.Trimesh(bubble.vertices, bubble.faces[:, ::-1], process=False)
+    outer = trimesh.Trimesh(whole.vertices, whole.faces, process=False)
+    shell = clsss.load_mesh(trimesh.util.concatenate([outer, inner]))
+    n, options = len(whole.vertices), {"resolution": baker.resolution}
+    skin = clsss.material("skin2")
+    yield "whole", baker.bake(skin, [BACK, FRONT]).vertex_radiosity
+    yield "hollow", clsss.simulate(shell, skin, [BACK, FRONT], **options).vertex_radiosity[:n]
+    dark = clsss.simulate(shell, skin, [BACK, FRONT], blockers=[lining], **options)
+    yield "lined with black", dark.vertex_radiosity[:n]
+
+
+def _bubble(mesh: clsss.Mesh) -> trimesh.Trimesh:
+    """About the largest ball that leaves a thin wall around it."""
+    points = np.random.default_rng(0).uniform(*mesh.bounds, (20_000, 3))
+    points = points[contains(mesh, points)]
+    deep, _ = cKDTree(mesh.vertices).query(points)
+    bubble = trimesh.creation.icosphere(4, 0.85 * deep.max())
+    return bubble.apply_translation(points[deep.argmax()])
 
 
 def single(baker: Baker) -> list[Panel]:
@@ -122,11 +180,13 @@ def single(baker: Baker) -> list[Panel]:
     return [
         ("scattered once", result.vertex_radiosity_single),
         ("scattered again", multiple),
-        ("both, towards the camera", np.pi * result.radiance(baker.eye)),
+        ("both, towards the camera", seen_from(result, baker.camera.eye)),
     ]
 
 
-ROWS: list[Callable[[Baker], object]] = [sizes, mixtures, anisotropy, mismatch, lights, visibility, single]
+ROWS: list[Callable[[Baker], object]] = [
+    sizes, mixtures, given, anisotropy, mismatch, lights, visibility, hollow, single,
+]  # fmt: skip
 
 
 def draw(baker: Baker, scene: Scene, panels: list[Panel]) -> Image.Image:
@@ -149,15 +209,18 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="coarse, and only the row of sizes")
     parser.add_argument("--out", type=Path, default=Path("docs/gallery"))
     args = parser.parse_args()
-    baker = Baker(args.mesh, 32 if args.quick else args.resolution)
+    resolution = 32 if args.quick else args.resolution
+    dragon = Path(os.environ.get("CLSSS_SHARED", ""), "meshes", "dragon_201k_clean.ply")
     args.out.mkdir(parents=True, exist_ok=True)
     scene = Scene(standalone_context())
-    scene.set_mesh(baker.mesh)
     for row in ROWS:
         if row.__name__ == (args.only or ("sizes" if args.quick else row.__name__)):
+            shown = args.mesh or (str(dragon) if row is anisotropy and dragon.exists() else None)
+            baker = Baker(shown, resolution)
+            scene.set_mesh(baker.mesh)
             path = args.out / f"{row.__name__}.png"
-            draw(baker, scene, list(row(baker))).save(path)
-            print(f"{path}: {row.__doc__}")
+            draw(baker, scene, list(row(baker))).save(path, optimize=True)
+            print(f"{path}: {row.__doc__}", flush=True)
 
 
 if __name__ == "__main__":
