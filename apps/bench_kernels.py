@@ -38,7 +38,13 @@ from clsss.surface import fluence_at
 
 RADIUS = 10.0  # mm
 WHOLE_CYCLE = "V(2,2) and residual"
-AT_LEAST = {"smooth": "smoother", "residual": "residual", "restrict_residual": "restriction", "prolong": "prolongation"}
+AT_LEAST = {
+    "smooth": "smoother",
+    "residual": "residual",
+    "leave_residual": "restriction, residual",
+    "restrict_residual": "restriction, sum",
+    "prolong": "prolongation",
+}
 OF_LEAVES = ("residual_of_leaves", "deposit_coarse")  # have no work where no coarser cell is a leaf
 SHARE, UNITS = 50.0, 1.5  # % of the triad for each of these; and u for a whole cycle
 BIGGEST = 128

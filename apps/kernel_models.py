@@ -64,9 +64,21 @@ def _children(a: Arguments, values: np.ndarray, octants: Any = slice(None)) -> n
     return padded[np.where(child < 0, len(values), child)].sum(axis=1)
 
 
+def smooth_from_zero(a: Arguments) -> Arguments:
+    x, rows = a["x"].copy(), slice(a["first"], a["first"] + a["n"])
+    x[rows] = a["b"][rows] / (a["absorb"][rows] + _per_face(a["T"])[rows].sum(axis=1))
+    return {"x": x}
+
+
+def leave_residual(a: Arguments) -> Arguments:
+    x = a["x"].copy()
+    x[: a["n"]] = _outflow(a, a["x"])[: a["n"]]
+    return {"x": x}
+
+
 def restrict_residual(a: Arguments) -> Arguments:
     out, covered = a["b_coarse"].copy(), np.flatnonzero(a["is_leaf"] == 0)
-    out[covered] = _children(a, _outflow(a, a["x"]), [0, 3, 5, 6])[covered]
+    out[covered] = _children(a, a["residual"], [0, 3, 5, 6])[covered]
     return {"b_coarse": out}
 
 
@@ -78,11 +90,12 @@ def average(a: Arguments) -> Arguments:
 
 
 def prolong(a: Arguments) -> Arguments:
-    n, x, parent, coarse, w = a["n"], a["x"].copy(), a["parent"], a["x_coarse"], a["weight"]
-    x[:n] += w[:, 3:] * coarse[parent[:n]]
+    rows, x, parent, coarse = slice(a["first"], a["first"] + a["n"]), a["x"].copy(), a["parent"], a["x_coarse"]
+    w, nbr = a["weight"][rows], a["nbr"][rows]
+    x[rows] += w[:, 3:] * coarse[parent[rows]]
     for axis in range(3):
-        outward = a["nbr"][np.arange(n), 2 * axis + (a["position"][:, axis] & 1)]
-        x[:n] += w[:, axis : axis + 1] * coarse[parent[outward]]
+        outward = nbr[np.arange(a["n"]), 2 * axis + (a["position"][rows, axis] & 1)]
+        x[rows] += w[:, axis : axis + 1] * coarse[parent[outward]]
     return {"x": x}
 
 
@@ -115,8 +128,8 @@ def solve_coarsest(a: Arguments) -> Arguments:
 MODELS = {
     model.__name__: model
     for model in (
-        smooth, residual, residual_of_leaves, reflux, restrict_residual, average, prolong, copy_ghosts, combine,
-        inner_product, solve_coarsest,
+        smooth, smooth_from_zero, residual, residual_of_leaves, reflux, leave_residual, restrict_residual, average,
+        prolong, copy_ghosts, combine, inner_product, solve_coarsest,
     )
 }  # fmt: skip
 

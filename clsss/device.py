@@ -93,13 +93,14 @@ class Buffer:
         if host.size:
             cl.enqueue_copy(self.device.queue, self.data, host)
 
-    def fill(self, value: float) -> None:
-        """Set every element."""
+    def fill(self, value: float, first: int = 0) -> None:
+        """Set every element from row `first` on."""
         import pyopencl as cl
 
-        if self.nbytes:
-            pattern = self.dtype.type(value)
-            self.device.enqueue(lambda queue: cl.enqueue_fill_buffer(queue, self.data, pattern, 0, self.nbytes))
+        start = first * self.nbytes // max(1, self.shape[0])
+        if self.nbytes > start:
+            pattern, left = self.dtype.type(value), self.nbytes - start
+            self.device.enqueue(lambda queue: cl.enqueue_fill_buffer(queue, self.data, pattern, start, left))
 
     def copy_from(self, other: Buffer) -> None:
         """Copy the contents of another buffer of the same size, on the device."""

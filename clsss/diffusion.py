@@ -218,8 +218,10 @@ class Residual:
     def complete(self, phi: Field) -> None:
         """Fill what depends on the leaves: covered cells, ghosts, and `op.slope`."""
         run, op, levels = self.device.run, self.op, self.op.octree.levels
-        for coarse, x, x_fine in zip(levels[-2::-1], phi[-2::-1], phi[:0:-1], strict=True):
-            run(self._average, coarse.n, coarse.n, coarse.is_leaf, coarse.child, x_fine, x)
+        # covered cells count where leaves of their width have them as neighbours
+        needed = [k for k, level in enumerate(levels) if level.interface.shape[0]]
+        for k in range(len(levels) - 2, min(needed, default=len(levels)) - 1, -1):
+            run(self._average, levels[k].n, levels[k].n, levels[k].is_leaf, levels[k].child, phi[k + 1], phi[k])
         for k, fine in enumerate(levels[1:]):
             coarse = levels[k]
             m = coarse.interface.shape[0]

@@ -74,7 +74,8 @@ class Multigrid:
         d = op.medium.defines
         self.residual = Residual(device, op)
         self.e, self.r = Field(device, op.octree), Field(device, op.octree)
-        self._smooth = device.kernel("smooth", "smooth", *d)
+        self._smooth, self._from_zero = (device.kernel("smooth", name, *d) for name in ("smooth", "smooth_from_zero"))
+        self._leave_residual = device.kernel("restrict", "leave_residual", *d)
         self._restrict = device.kernel("restrict", "restrict_residual", *d)
         self._reflux = device.kernel("residual", "reflux", *d)
         self._ghosts = device.kernel("prolong", "copy_ghosts")
@@ -101,15 +102,19 @@ class Multigrid:
             inverse[:, :, channel] = np.linalg.inv(A)
         return self.device.array(inverse)
 
-    def smooth(self, k: int, sweeps: int | None = None) -> None:
-        """Red-black sweeps on level `k`."""
+    def smooth(self, k: int, sweeps: int | None = None, from_zero: bool = False) -> None:
+        """Red-black sweeps on level `k`; `from_zero` whatever the cells' values, but with ghosts of zero."""
         level = self.op.octree.levels[k]
         sweeps = sweeps or (SWEEPS if k == len(self.e) - 1 else COARSE_SWEEPS)
         red, black, end = level.colour_start
-        for _ in range(sweeps):
+        for sweep in range(sweeps):
             for first, n in ((red, black - red), (black, end - black)):
-                self.device.run(self._smooth, n, first, n, level.nbr, self.op.T[k], self.op.absorb[k], self.r[k],
-                                self.e[k])  # fmt: skip
+                if from_zero and not sweep and first == red:
+                    self.device.run(self._from_zero, n, first, n, self.op.T[k], self.op.absorb[k], self.r[k],
+                                    self.e[k])  # fmt: skip
+                else:
+                    self.device.run(self._smooth, n, first, n, level.nbr, self.op.T[k], self.op.absorb[k], self.r[k],
+                                    self.e[k])  # fmt: skip
 
     def v_cycle(self, k: int) -> None:
         """One V-cycle from level `k` down: `e` approximates the correction for the right-hand sides `r`."""
@@ -119,17 +124,19 @@ class Multigrid:
             run(self._coarsest, n, n, self._inverse, self.r[0], self.e[0])
             return
         fine, coarse = levels[k], levels[k - 1]
-        self.e[k].fill(0)
-        self.smooth(k)
-        run(self._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, fine.nbr, op.T[k], op.absorb[k],
-            self.r[k], self.e[k], self.r[k - 1])  # fmt: skip
+        _, black, end = fine.colour_start
+        self.e[k].fill(0, fine.n)
+        self.smooth(k, from_zero=True)
         m = coarse.interface.shape[0]
         run(self._reflux, m, m, fine.n, coarse.interface, coarse.interface_start, fine.ghost_face, op.T[k],
             self.e[k], self.r[k - 1])  # fmt: skip
+        run(self._leave_residual, black, black, fine.nbr, op.T[k], op.absorb[k], self.r[k], self.e[k])
+        run(self._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, self.e[k], self.r[k - 1])
         self.v_cycle(k - 1)
         run(self._ghosts, fine.n_ghost, fine.n_ghost, fine.n, fine.parent, self.e[k - 1], self.e[k])
-        run(self._prolong, fine.n, fine.n, fine.position, fine.nbr, fine.parent, op.weight[k], self.e[k - 1],
-            self.e[k])  # fmt: skip
+        # red cells are overwritten next
+        run(self._prolong, end - black, black, end - black, fine.position, fine.nbr, fine.parent, op.weight[k],
+            self.e[k - 1], self.e[k])  # fmt: skip
         self.smooth(k)
 
     def inner_product(self, x: Field, y: Field) -> np.ndarray:

@@ -21,3 +21,15 @@ __kernel void smooth(const int first, const int n, __global const int *restrict 
     }
     x[i] = sum / diagonal;
 }
+
+/* The first half of the first sweep, from zero everywhere: neighbours have nothing to give. */
+// cost smooth_from_zero: 18R B, 14 flop
+__kernel void smooth_from_zero(const int first, const int n, __global const COND *restrict T,
+                               __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
+                               __global REAL4 *restrict x) {
+    const int i = first + get_global_id(0);
+    if (i >= first + n) return;
+    REAL4 diagonal = absorb[i];
+    for (int f = 0; f < 6; f++) diagonal += T[6 * i + f];
+    x[i] = b[i] / diagonal;
+}

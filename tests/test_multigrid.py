@@ -51,8 +51,11 @@ def test_restriction_keeps_totals(small):
         small.device.run(small.residual._residual, fine.n, fine.n, fine.nbr, small.op.T[k], small.op.absorb[k],
                          small.r[k], small.e[k], left[k])  # fmt: skip
         residual = left[k].get()
-        small.device.run(small._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, fine.nbr, small.op.T[k],
-                         small.op.absorb[k], small.r[k], small.e[k], small.r[k - 1])  # fmt: skip
+        red = fine.colour_start[1]
+        small.device.run(small._leave_residual, red, red, fine.nbr, small.op.T[k], small.op.absorb[k], small.r[k],
+                         small.e[k])  # fmt: skip
+        small.device.run(small._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, small.e[k],
+                         small.r[k - 1])  # fmt: skip
         expected = np.zeros((coarse.n, 4))
         np.add.at(expected, fine.parent.get()[: fine.n], residual[: fine.n])
         np.testing.assert_allclose(small.r[k - 1].get()[: coarse.n], expected, atol=1e-13)
@@ -65,7 +68,7 @@ def prolonged(mg, k, values):
     coarse[: len(values)] = values
     mg.e[k - 1].set(coarse)
     mg.e[k].fill(0)
-    mg.device.run(mg._prolong, fine.n, fine.n, fine.position, fine.nbr, fine.parent, mg.op.weight[k], mg.e[k - 1],
+    mg.device.run(mg._prolong, fine.n, 0, fine.n, fine.position, fine.nbr, fine.parent, mg.op.weight[k], mg.e[k - 1],
                   mg.e[k])  # fmt: skip
     return mg.e[k].get()[: fine.n]
 
