@@ -91,7 +91,7 @@ def average(a: Arguments) -> Arguments:
 
 def prolong(a: Arguments) -> Arguments:
     rows, x, parent, coarse = slice(a["first"], a["first"] + a["n"]), a["x"].copy(), a["parent"], a["x_coarse"]
-    w, nbr = a["weight"][rows], a["nbr"][rows]
+    w, nbr = a["weight"][rows] / a["weight"][0].sum(), a["nbr"][rows]
     x[rows] += w[:, 3:] * coarse[parent[rows]]
     for axis in range(3):
         outward = nbr[np.arange(a["n"]), 2 * axis + (a["position"][rows, axis] & 1)]

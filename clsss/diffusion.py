@@ -67,8 +67,8 @@ class Operator:
         otherwise [mm^2].
     absorb : list of (n, 4) real, device
         Absorption and exitance per fluence, in the same scale.
-    weight : list of (n, 4) real, device
-        Weights of the prolongation to each level but the coarsest.
+    weight : list of (n, 4) uint8, device
+        Weights of the prolongation to each level but the coarsest (weight.h).
     irregular : (m,) int32, device
         Finest cells with a face whose flux has second-order terms.
     inverse : (n_cut, 6, 4) real, device
@@ -167,7 +167,7 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     kernel = device.kernel("coefficients", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
     for level, t in zip(octree.levels[1:], T[1:], strict=True):
-        weight.append(device.empty((level.n, 4)))
+        weight.append(device.empty((level.n, 4), np.uint8))
         device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
     inverse, around = device.empty((cut.n, 6, CHANNELS)), device.empty((cut.n, 27), np.int32)
     kernel = device.kernel("gradient", "gradient_inverse", *defines)
@@ -253,8 +253,8 @@ class Residual:
                 phi[k + 1], r[k])  # fmt: skip
         m = op.irregular.shape[0]
         run(self._correct, m, m, finest.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.irregular, finest.nbr,
-            octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid, T[-1],
-            op.slope, phi[-1], r[-1])  # fmt: skip
+            octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.face_centroid, T[-1], op.slope, phi[-1],
+            r[-1])  # fmt: skip
 
     def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
         """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].

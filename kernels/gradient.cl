@@ -175,6 +175,14 @@ REAL4 value_below(const int c, const REAL4 value, const REAL d, const REAL4 n, _
     return value + along(c, boundary[c] - d * n - centroid[c], slope);
 }
 
+/* g . tau from a cell's centroid to the point x of a face across the other axis than a and b. */
+REAL4 rise_to(const int c, const int a, const int b, const REAL2 x, __global const REAL4 *restrict centroid,
+              __global const REAL4 *restrict slope) {
+    if (c < 0) return (REAL4)(0);
+    __global const REAL *restrict from = (__global const REAL *)(centroid + c);
+    return (x.x - from[a]) * slope[3 * c + a] + (x.y - from[b]) * slope[3 * c + b];
+}
+
 /* Add to r, on cells with an irregular face, what the gradients add to the two-point fluxes:
  *     T_f (g_j . tau_j - g_i . tau_i),  and  C_B phi_i  with its clamp eased -> C_B (phi_i + g . (x_B - d n - x_i)).
  */
@@ -183,21 +191,21 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
                                __global const int *restrict irregular, __global const int *restrict nbr,
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                                __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                               __global const REAL *restrict aperture, __global const REAL2 *restrict face_centroid,
-                               __global const COND *restrict T, __global const REAL4 *restrict slope,
-                               __global const REAL4 *restrict x, __global REAL4 *restrict r) {
+                               __global const REAL2 *restrict face_centroid, __global const COND *restrict T,
+                               __global const REAL4 *restrict slope, __global const REAL4 *restrict x,
+                               __global REAL4 *restrict r) {
     const int m = get_global_id(0);
     if (m >= n) return;
     const int i = irregular[m], c = cut_index[i];
     REAL4 sum = r[i];
     for (int f = 0; f < 6; f++) {
-        const int j = nbr[6 * i + f], up = f & 1;
+        const int j = nbr[6 * i + f];
         if (j == i || j >= n_cells) continue;
         const int other = cut_index[j];
         if (c < 0 && other < 0) continue;
-        const Face face = face_between(f >> 1, up ? c : other, up ? other : c, centroid, aperture, face_centroid);
-        sum += T[6 * i + f] * (along(other, up ? face.tau_high : face.tau_low, slope) -
-                               along(c, up ? face.tau_low : face.tau_high, slope));
+        const int a = f < 2, b = f < 4 ? 2 : 1, low = f & 1 ? 6 * c + f : 6 * other + f + 1;
+        const REAL2 at = c >= 0 && other >= 0 ? face_centroid[low] : (REAL2)(0.5);
+        sum += T[6 * i + f] * (rise_to(other, a, b, at, centroid, slope) - rise_to(c, a, b, at, centroid, slope));
     }
     if (c >= 0) {
         const REAL4 nrm = unit_normal(normal[c]), D_i = AT(D, i);

@@ -1,15 +1,16 @@
 /* prolong.cl -- corrections and values from a coarser level to a finer one. */
 #include "real.h"
+#include "weight.h"
 
 /* x_i += (1 - sum_d w_d) X_parent + sum_d w_d X_d, X_d the coarse cell beyond the outward face along d. */
-// cost prolong: 28R+32 B, 32 flop
+// cost prolong: 24R+36 B, 36 flop
 __kernel void prolong(const int first, const int n, __global const int *restrict position,
                       __global const int *restrict nbr, __global const int *restrict parent,
-                      __global const REAL4 *restrict weight, __global const REAL4 *restrict x_coarse,
+                      __global const uchar4 *restrict weight, __global const REAL4 *restrict x_coarse,
                       __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
-    const REAL4 w = weight[i];
+    const REAL4 w = convert_REAL4(weight[i]) / WHOLE;
     const int4 up = vload4(i, position) & 1;
     x[i] += w.w * x_coarse[parent[i]] + w.x * x_coarse[parent[nbr[6 * i + up.x]]] +
             w.y * x_coarse[parent[nbr[6 * i + 2 + up.y]]] + w.z * x_coarse[parent[nbr[6 * i + 4 + up.z]]];
