@@ -131,10 +131,13 @@ def check(launch: Launch) -> str:
 def measure(device: Recorder, triad: Triad, launch: Launch, cells: int, medium: str, rounds: int) -> Row:
     """Time a launch next to the triad, then check it."""
     nbytes, flop = launch.cost()
+    left = launch.written()  # other kernels may need it as it was left
     once = partial(triad.unit, device.seconds, touched(launch))
     seconds, units = paired(once, partial(device.seconds, launch.run, launch.restore), rounds)
+    verdict = check(launch)
+    launch.restore(left)
     return Row(launch.kernel.function_name, cells, medium, launch.n, 1e3 * seconds, nbytes / seconds * 1e-9,
-               1e-7 * nbytes / units, 1e-7 * touched(launch) / units, flop / nbytes, check(launch))  # fmt: skip
+               1e-7 * nbytes / units, 1e-7 * touched(launch) / units, flop / nbytes, verdict)  # fmt: skip
 
 
 def measure_cycle(device: Recorder, triad: Triad, mg: Multigrid, b: Field, rounds: int) -> tuple[float, float]:

@@ -143,20 +143,25 @@ class Launch:
     def __post_init__(self) -> None:
         self.parameters = parameters(self.source, self.kernel.function_name, self.defines)
         assert len(self.parameters) == len(self.arguments), self.kernel.function_name
-        self.before = {}
-        for name, value in self.named().items():
-            if self.parameters[name] and isinstance(value, Buffer):
-                self.before[name] = self.device.empty(value.shape, value.dtype)
-                self.before[name].copy_from(value)
+        self.before = self.written()
 
     def named(self) -> dict[str, Any]:
         """Arguments by the names of the kernel's source."""
         return dict(zip(self.parameters, self.arguments, strict=True))
 
-    def restore(self) -> None:
-        """Undo what the kernel wrote."""
+    def written(self) -> dict[str, Buffer]:
+        """Copies of what the kernel may write to."""
+        copies = {}
+        for name, value in self.named().items():
+            if self.parameters[name] and isinstance(value, Buffer):
+                copies[name] = self.device.empty(value.shape, value.dtype)
+                copies[name].copy_from(value)
+        return copies
+
+    def restore(self, copies: dict[str, Buffer] | None = None) -> None:
+        """Undo what the kernel wrote; or put back what `written` gave."""
         named = self.named()
-        for name, contents in self.before.items():
+        for name, contents in (self.before if copies is None else copies).items():
             named[name].copy_from(contents)
 
     def run(self) -> None:
