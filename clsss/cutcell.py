@@ -158,11 +158,9 @@ def _starts(count: Buffer) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(count.get().ravel(), dtype=np.int64)]).astype(np.int32)
 
 
-def _lines(device: Device, grid: Grid, triangles: np.ndarray) -> tuple[Buffer, Buffer]:
-    """Signed crossings of the surface with the grid lines along x: first of each line, and (x, sign)."""
-    ny, nz = 2 * grid.dims[1] + 1, 2 * grid.dims[2] + 1
-    surface = device.array(triangles.reshape(-1, 9))
-    n = len(triangles)
+def _lines(device: Device, grid: Grid, surface: Buffer) -> tuple[Buffer, Buffer]:
+    """Signed crossings of triangles (n, 9) with the grid lines along x: first of each line, and (x, sign)."""
+    ny, nz, n = 2 * grid.dims[1] + 1, 2 * grid.dims[2] + 1, surface.shape[0]
     count = device.zeros(ny * nz, np.int32)
     device.run(device.kernel("crossing", "count_crossings"), n, n, ny, nz, surface, count)
     start = _starts(count)
@@ -172,22 +170,15 @@ def _lines(device: Device, grid: Grid, triangles: np.ndarray) -> tuple[Buffer, B
     return device.array(start), crossing
 
 
-def _bin(device: Device, grid: Grid, triangles: np.ndarray) -> tuple[_Bricks, np.ndarray, Buffer, Buffer, Buffer]:
-    """Lists of the triangles near each cell: bricks, touched flags, list starts, lists, the triangles."""
-    surface, n = device.array(triangles.reshape(-1, 9)), len(triangles)
+def _touch(device: Device, grid: Grid, surface: Buffer) -> tuple[_Bricks, Buffer, np.ndarray]:
+    """Bricks near the triangles (n, 9), their map on the device, and which of their cells triangles may meet."""
+    n = surface.shape[0]
     mark = device.zeros(int(np.prod(grid.blocks)), np.uint8)
     device.run(device.kernel("bin", "mark_blocks"), n, n, grid.dims, 1.2, surface, mark)
     bricks = _Bricks(grid, mark.get())
-    block = device.array(bricks.block)
-    n_entries = 512 * len(bricks.used)
-    count, touched = device.zeros(n_entries, np.int32), device.zeros(n_entries, np.uint8)
-    kernel = device.kernel("bin", "count_triangles")
-    device.run(kernel, n, n, grid.dims, REACH, block, surface, count, touched)
-    start = _starts(count)
-    cursor, lists = device.array(start), device.empty(max(int(start[-1]), 1), np.int32)
-    kernel = device.kernel("bin", "list_triangles")
-    device.run(kernel, n, n, grid.dims, REACH, block, surface, cursor, lists)
-    return bricks, touched.get(), device.array(start), lists, surface
+    block, touched = device.array(bricks.block), device.zeros(512 * len(bricks.used), np.uint8)
+    device.run(device.kernel("bin", "touch_cells"), n, n, grid.dims, block, surface, touched)
+    return bricks, block, touched.get()
 
 
 def _corners() -> np.ndarray:
@@ -211,22 +202,25 @@ def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
     Samples
     """
     triangles = grid.to_cells(mesh.triangles)
-    bricks, touched, list_start, lists, surface = _bin(device, grid, split_long(triangles, LONGEST_EDGE))
+    surface, parts = device.array(triangles.reshape(-1, 9)), split_long(triangles, LONGEST_EDGE)
+    pieces = surface if len(parts) == len(triangles) else device.array(parts.reshape(-1, 9))
+    bricks, block, touched = _touch(device, grid, pieces)
     cells = bricks.cells(np.flatnonzero(touched))
     needed = np.zeros(len(touched), bool)
     corner_entry = np.stack([bricks.entry(cells + corner) for corner in _corners()], axis=1)
     needed[corner_entry] = True
-    slot = np.cumsum(needed, dtype=np.int32) - 1
-    owner_entry = np.flatnonzero(needed).astype(np.int32)
-    owner_cells = bricks.cells(owner_entry)
-    n = len(owner_cells)
+    owner_cells = bricks.cells(np.flatnonzero(needed))
+    n, m = len(owner_cells), pieces.shape[0]
+    slot = np.where(needed, np.cumsum(needed, dtype=np.int32) - 1, -1)
     distance = device.empty((n, 8))
+    distance.fill(REACH**2)
+    kernel = device.kernel("distance", "distance_to_triangle")
+    device.run(kernel, m, m, grid.dims, REACH, block, device.array(slot), pieces, distance)
+    lines = _lines(device, grid, surface) if mesh.closed else (None, None)
     packed = np.concatenate([owner_cells, np.zeros((n, 1), np.int32)], axis=1)
-    lines = _lines(device, grid, triangles) if mesh.closed else (None, None)
     kernel = device.kernel("distance", "distance_at_nodes")
-    device.run(kernel, n, n, 2 * grid.dims[1] + 1, REACH, device.array(packed), device.array(owner_entry),
-               list_start, lists, *lines, surface, distance)  # fmt: skip
-    owners = slot[corner_entry].astype(np.int32)
+    device.run(kernel, n, n, 2 * grid.dims[1] + 1, device.array(packed), *lines, distance)
+    owners = slot[corner_entry]
     if lines[0] is not None and lines[1] is not None:
         inside = _fill_rows(device, grid, *lines)
     else:

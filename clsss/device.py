@@ -238,7 +238,7 @@ class Device:
         if key not in self._kernels:
             files = next((group for group in TOGETHER if file in group), (file,))
             if (files[0], defines) not in self._programs:
-                options = ["-DREAL=double"]
+                options = ["-DREAL=double", "-DDOUBLE"]
                 if self.precision == "single":
                     options = ["-DREAL=float", "-cl-single-precision-constant"]
                 options += [f"-DLANES={self.lanes}", *(f"-D{d}" for d in defines)]

@@ -4,48 +4,79 @@
  * winding number's (crossing.cl), or is given by the caller where the surface is no closed cycle.
  */
 #include "real.h"
+#include "plane.h"
 #include "samples.h"
 
-/* Squared distance of eight points to the segment a + s e; ap = p - a. */
+/* Numbers that are not negative are ordered as their bits. */
+#ifdef DOUBLE
+#pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
+#define LOWER(place, value) atom_min((volatile __global ulong *)(place), as_ulong(value))
+#else
+#define LOWER(place, value) atomic_min((volatile __global uint *)(place), as_uint(value))
+#endif
+
+/* Squared distance of eight points to the segment a + s e; p relative to a. */
 REAL8 segment_distance2(const REAL8 px, const REAL8 py, const REAL8 pz, const REAL4 e) {
     const REAL8 s = clamp((px * e.x + py * e.y + pz * e.z) / fmax(dot(e, e), (REAL)1e-30), (REAL8)(0), (REAL8)(1));
     const REAL8 dx = px - s * e.x, dy = py - s * e.y, dz = pz - s * e.z;
     return dx * dx + dy * dy + dz * dz;
 }
 
-// cost distance_at_nodes: 28R+12 B, 2000 flop
-__kernel void distance_at_nodes(const int n, const int ny, const REAL reach, __global const int *restrict cell,
-                                __global const int *restrict owner, __global const int *restrict list_start,
-                                __global const int *restrict list, __global const int *restrict line_start,
-                                __global const REAL2 *restrict crossing, __global const REAL *restrict triangle,
+/* Squared distance of the eight nodes of the cell at the origin to the triangle a b d. */
+REAL8 triangle_distance2(const REAL4 a, const REAL4 b, const REAL4 d) {
+    const REAL8 half_x = (REAL8)(0, 0.5, 0, 0.5, 0, 0.5, 0, 0.5), half_y = (REAL8)(0, 0, 0.5, 0.5, 0, 0, 0.5, 0.5),
+                half_z = (REAL8)(0, 0, 0, 0, 0.5, 0.5, 0.5, 0.5);
+    const REAL4 ab = b - a, bd = d - b, da = a - d, m = cross(ab, d - a);
+    const REAL8 ax = half_x - a.x, ay = half_y - a.y, az = half_z - a.z;
+    const REAL8 bx = half_x - b.x, by = half_y - b.y, bz = half_z - b.z;
+    const REAL8 dx = half_x - d.x, dy = half_y - d.y, dz = half_z - d.z;
+    const REAL8 d2 = fmin(segment_distance2(ax, ay, az, ab),
+                          fmin(segment_distance2(bx, by, bz, bd), segment_distance2(dx, dy, dz, da)));
+    const REAL4 na = cross(m, ab), nb = cross(m, bd), nd = cross(m, da);
+    const REAL8 least = fmin(ax * na.x + ay * na.y + az * na.z,
+                             fmin(bx * nb.x + by * nb.y + bz * nb.z, dx * nd.x + dy * nd.y + dz * nd.z));
+    const REAL8 height = ax * m.x + ay * m.y + az * m.z;
+    const REAL8 plane = height * height / fmax(dot(m, m), (REAL)1e-30);
+    return select(d2, fmin(d2, plane), least >= 0);
+}
+
+/* Lower the squared distances of the nodes near each triangle to it; one work-item a triangle, in any order. */
+// cost distance_to_triangle: 100R+48 B, 3000 flop
+__kernel void distance_to_triangle(const int n, const int4 dims, const REAL reach, __global const int *restrict block,
+                                   __global const int *restrict slot, __global const REAL *restrict triangle,
+                                   volatile __global REAL *distance2) {
+    const int t = get_global_id(0);
+    if (t >= n) return;
+    const REAL4 a = (REAL4)(vload3(3 * t, triangle), 0), b = (REAL4)(vload3(3 * t + 1, triangle), 0),
+                c = (REAL4)(vload3(3 * t + 2, triangle), 0);
+    const REAL4 nrm = cross(b - a, c - a), low = fmin(a, fmin(b, c)), high = fmax(a, fmax(b, c));
+    const int4 lo = max(convert_int4(ceil(low - reach - (REAL)0.5)), (int4)(0));
+    const int4 hi = min(convert_int4(floor(high + reach)), dims - 1);
+    for (int z = lo.z; z <= hi.z; z++)
+        for (int y = lo.y; y <= hi.y; y++)
+            for (int x = lo.x; x <= hi.x; x++) {
+                const REAL4 corner = (REAL4)(x, y, z, 0);
+                if (!near_plane(a, nrm, corner + (REAL4)(0.25, 0.25, 0.25, 0), reach + 0.25)) continue;
+                const int k = block[((z >> 3) * (dims.y >> 3) + (y >> 3)) * (dims.x >> 3) + (x >> 3)];
+                const int s = k < 0 ? -1 : slot[k * 512 + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)];
+                if (s < 0) continue;
+                REAL found[8];
+                vstore8(triangle_distance2(a - corner, b - corner, c - corner), 0, found);
+                for (int node = 0; node < 8; node++)
+                    if (found[node] < distance2[8 * s + node]) LOWER(distance2 + 8 * s + node, found[node]);
+            }
+}
+
+/* From squared to signed distances of the nodes that a cell owns. */
+// cost distance_at_nodes: 24R+16 B, 60 flop
+__kernel void distance_at_nodes(const int n, const int ny, __global const int *restrict cell,
+                                __global const int *restrict line_start, __global const REAL2 *restrict crossing,
                                 __global REAL *restrict distance) {
     const int i = get_global_id(0);
     if (i >= n) return;
     const int4 c = vload4(i, cell);
-    const REAL8 half_x = (REAL8)(0, 0.5, 0, 0.5, 0, 0.5, 0, 0.5), half_y = (REAL8)(0, 0, 0.5, 0.5, 0, 0, 0.5, 0.5),
-                half_z = (REAL8)(0, 0, 0, 0, 0.5, 0.5, 0.5, 0.5);
-    REAL8 best = (REAL8)(reach * reach);
-    for (int k = list_start[owner[i]]; k < list_start[owner[i] + 1]; k++) {
-        const int t = list[k];
-        const REAL4 origin = (REAL4)(c.x, c.y, c.z, 0);
-        const REAL4 a = (REAL4)(vload3(3 * t, triangle), 0) - origin, b = (REAL4)(vload3(3 * t + 1, triangle), 0) - origin,
-                    d = (REAL4)(vload3(3 * t + 2, triangle), 0) - origin;
-        const REAL4 ab = b - a, bd = d - b, da = a - d, m = cross(ab, d - a);
-        const REAL8 ax = half_x - a.x, ay = half_y - a.y, az = half_z - a.z;
-        const REAL8 bx = half_x - b.x, by = half_y - b.y, bz = half_z - b.z;
-        const REAL8 dx = half_x - d.x, dy = half_y - d.y, dz = half_z - d.z;
-        REAL8 d2 = fmin(segment_distance2(ax, ay, az, ab),
-                        fmin(segment_distance2(bx, by, bz, bd), segment_distance2(dx, dy, dz, da)));
-        const REAL4 na = cross(m, ab), nb = cross(m, bd), nd = cross(m, da);
-        const REAL8 least = fmin(ax * na.x + ay * na.y + az * na.z,
-                                 fmin(bx * nb.x + by * nb.y + bz * nb.z, dx * nd.x + dy * nd.y + dz * nd.z));
-        const REAL8 height = ax * m.x + ay * m.y + az * m.z;
-        const REAL8 plane = height * height / fmax(dot(m, m), (REAL)1e-30);
-        best = fmin(best, select(d2, fmin(d2, plane), least >= 0));
-    }
-    best = fmax(sqrt(best), (REAL)1e-4);
     REAL value[8];
-    vstore8(best, 0, value);
+    vstore8(fmax(sqrt(vload8(i, distance)), (REAL)1e-4), 0, value);
     if (line_start)
         for (int s = 0; s < 8; s++) {
             const int line = (2 * c.z + (s >> 2)) * ny + 2 * c.y + ((s >> 1) & 1);
