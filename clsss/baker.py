@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from clsss.simulate import Result
 
 LOOK, GLANCE = 24, 8  # points on each ray where light was scattered once: at rest, and while the camera moves
-GRAZING = 0.1  # least cosine at which a vertex is seen: pixels of its triangles may be seen at more
+GRAZING = 0.25  # least cosine at which a vertex is seen: pixels of its triangles may be seen at more
 
 
 def seen_from(result: Result, eye: np.ndarray, depths: int = LOOK) -> np.ndarray:

@@ -2,7 +2,7 @@
  *
  *     L = T(mu) / eta^2  int sigma_s p(omega_light . omega) F(x - s omega) exp(-tau(s)) ds
  *
- * Depths s follow from the nodes of a quadrature (u, weight) in u = 1 - exp(-s rate), rate the mean extinction, up to
+ * Depths s follow from the nodes of a quadrature (u, weight) in u ~ 1 - exp(-s rate), rate the mean extinction, up to
  * the first gap. F is traced to the light from each, as in attenuate.cl; p is the Henyey-Greenstein phase function.
  * BLOCKED: opaque triangles stand in the way of the light and of what it scatters.
  */
@@ -32,6 +32,8 @@
 #define SCATTERING_OF(code) scattering
 #endif
 
+#define FAR 9 /* mean free paths: less than exp(-9) comes from beyond */
+
 REAL henyey_greenstein(const REAL mu, const REAL g) {
     const REAL d = 1 + g * g - 2 * g * mu;
     return (1 - g * g) / (4 * (REAL)3.14159265358979 * d * sqrt(d));
@@ -60,12 +62,17 @@ __kernel void scattered_once(const int n, const int n_depths, const REAL h, cons
     const Ray to_eye = {p.xyz - NEAR * n_i.xyz, -inside.xyz, -1};
     clear = next_hit(blockers, to_eye, (Hit){0, -1, 0}, clear).t;
 #endif
+    /* nodes only as deep as the body is: thin parts must not show where nodes fall behind them */
+    const Beam whole = {-inside, FAR / rate};
+    Rays deep;
+    for (int l = 0; l < LANES; l++) set_ray(&deep, l, p, whole);
+    const REAL top = 1 - exp(-rate * march(body, deep).solid.at[0]);
     for (int first = 0; first < n_depths; first += LANES) {
         Beam beam[LANES];
         Rays back, on;
         int code[LANES];
         for (int l = 0; l < LANES; l++) {
-            const REAL s = -log(1 - nodes[min(first + l, n_depths - 1)].x) / rate;
+            const REAL s = -log(1 - top * nodes[min(first + l, n_depths - 1)].x) / rate;
             REAL4 x = p - s * inside;
             x.w = 0;
             const int4 c = convert_int4(floor(x));
@@ -89,7 +96,7 @@ __kernel void scattered_once(const int n, const int n_depths, const REAL h, cons
             const REAL4 F = reduced_irradiance(body, h, eta, light, strength, beam[l], to.tau[l], to.entry.at[l]);
             const REAL turn = -dot(beam[l].towards.xyz, inside.xyz);
             sum += SCATTERING_OF(code[l]) * F * exp(rate * s - from.tau[l]) *
-                   (henyey_greenstein(turn, g) * nodes[first + l].y / rate);
+                   (henyey_greenstein(turn, g) * top * nodes[first + l].y / rate);
         }
     }
     const REAL passes = eta == 1 ? 1 : transmittance(mu, eta) / (eta * eta);
