@@ -133,11 +133,12 @@ def drawn(found: Comparison, scene: Scene, camera: Camera) -> np.ndarray:
 def rows(name: str, found: Comparison) -> list[str]:
     """Lines of the table."""
     lines = [
-        f"| {name} | {s.name} | {s.rms:.1%} | {np.sqrt(max(s.rms**2 - found.noise**2, 0)):.1%} "
+        f"| {name} | {s.name} | {s.rms:.1%} | {'' if told else '< '}{beyond:.1%} "
         f"| {s.largest:.0%} | {s.bias:+.1%} | {s.seconds:.1f} |"
         for s in found.scores
+        for beyond, told in [found.beyond(s)]
     ]
-    return [*lines, f"| {name} | Monte Carlo | {found.noise:.1%} | | | | {found.seconds:.1f} |"]
+    return [*lines, f"| {name} | Monte Carlo | {found.noise:.1%} | | | ±{found.bias_noise:.1%} | {found.seconds:.1f} |"]
 
 
 def run(args: argparse.Namespace) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from clsss.diffusion import PHASES
 from clsss.errors import DeviceError, InputError
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
-from clsss.mesh import Mesh, require_volume
+from clsss.mesh import Mesh, opaque_triangles, require_volume
 
 BYTES_PER_CELL = 450  # host and device together, at the peak
 BYTES_PER_GRID_CELL = 4  # of the dense box, while the octree is built
@@ -38,8 +38,7 @@ def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, s
         raise InputError(f"phase: unknown value {phase!r}; use {', '.join(PHASES)}")
     if scattering not in ("all", "split"):
         raise InputError(f"scattering: unknown value {scattering!r}; use all or split")
-    if not isinstance(blockers, (list, tuple)) or not all(isinstance(body, Mesh) for body in blockers):
-        raise InputError("blockers: needs a list of meshes from clsss.load_mesh")
+    opaque_triangles(blockers)
 
 
 def checked_lights(lights: Any) -> tuple[Any, ...]:

@@ -137,8 +137,6 @@ def compare(args: argparse.Namespace) -> None:
     for path, suffix in ((args.picture, ".png"), (args.json, ".json")):
         if path and check_writable(path).suffix.lower() != suffix:
             raise InputError(f"{path}: its name must end in {suffix}")
-    if args.blockers:
-        raise InputError("compare: dipole and Monte Carlo know no blockers; leave --blocker out")
     if args.save_scene:
         scenefile.check(args.save_scene)
     scene = _scene() if args.picture else None
@@ -171,8 +169,17 @@ def _draw(args: argparse.Namespace, found: Comparison, scene: Scene) -> None:
 def _comparison(found: Comparison) -> dict[str, object]:
     """The table as data."""
     return {
-        "methods": [asdict(score) for score in found.scores],
-        "monte_carlo": {"points": len(found.points), "noise": found.noise, "seconds": found.seconds},
+        "methods": [
+            asdict(score) | {"beyond_noise": beyond, "hidden_by_noise": not told}
+            for score in found.scores
+            for beyond, told in [found.beyond(score)]
+        ],
+        "monte_carlo": {
+            "points": len(found.points),
+            "noise": found.noise,
+            "bias_noise": found.bias_noise,
+            "seconds": found.seconds,
+        },
         "left_out": found.left_out,
     }
 

@@ -1,6 +1,7 @@
 """Ours, the dipole and Monte Carlo side by side: how far each is from the truth, and what it costs.
 
     rms = |x - x_mc| / |x_mc|     largest = max |x - x_mc| / rms(x_mc)     bias = sum(x - x_mc) / sum(x_mc)
+    beyond noise = sqrt(rms^2 - noise^2)
 
 over points and channels. Input: a `Result`. Output: a `Comparison`, as a table here, as a picture from
 comparison_picture.py. Where photons are counted around points, the others are averaged over the same surface.
@@ -19,7 +20,7 @@ from clsss.device import Device
 from clsss.dipole import dipole
 from clsss.errors import InputError
 from clsss.mesh import Mesh
-from clsss.montecarlo import estimate
+from clsss.montecarlo import check_counts, estimate
 from clsss.refine import areas, owners
 
 if TYPE_CHECKING:
@@ -57,8 +58,10 @@ class Comparison:
         Its radiosity there and standard error [W/mm^2].
     scores : list of Score
         Of each method.
-    noise, seconds : float
-        Monte Carlo's own error, relative as rms is, and time [s].
+    noise, bias_noise, seconds : float
+        Monte Carlo's own error, relative as rms and as bias are, and time [s].
+    doubt : float
+        How far the square of a method's rms may be off by that noise, at two standard deviations.
     left_out : str
         Why a method is missing, or empty.
     """
@@ -70,17 +73,31 @@ class Comparison:
     stderr: np.ndarray
     scores: list[Score]
     noise: float
+    bias_noise: float
+    doubt: float
     seconds: float
     left_out: str = ""
+
+    def beyond(self, score: Score) -> tuple[float, bool]:
+        """The rms that noise does not explain and whether it can be told from none; if not, a bound of it."""
+        excess = score.rms**2 - self.noise**2
+        told = excess > self.doubt
+        return float(np.sqrt(excess if told else max(excess, 0) + self.doubt)), told
 
     def table(self) -> str:
         """The scores as lines of text."""
         lines = [f"{'method':<12}{'rms':>8}{'beyond noise':>15}{'largest':>10}{'bias':>9}{'seconds':>10}"]
+        hidden = []
         for s in self.scores:
-            beyond = np.sqrt(max(s.rms**2 - self.noise**2, 0))
-            lines.append(f"{s.name:<12}{s.rms:>8.2%}{beyond:>15.2%}{s.largest:>10.1%}{s.bias:>+9.2%}{s.seconds:>10.1f}")
-        lines.append(f"{'Monte Carlo':<12}{self.noise:>8.2%}{'':>34}{self.seconds:>10.1f}")
+            beyond, told = self.beyond(s)
+            hidden += [] if told else [s.name]
+            text = f"{'' if told else '< '}{beyond:.2%}"
+            lines.append(f"{s.name:<12}{s.rms:>8.2%}{text:>15}{s.largest:>10.1%}{s.bias:>+9.2%}{s.seconds:>10.1f}")
+        bias = f"+-{self.bias_noise:.2%}"
+        lines.append(f"{'Monte Carlo':<12}{self.noise:>8.2%}{'':>25}{bias:>9}{self.seconds:>10.1f}")
         lines.append(f"against Monte Carlo at {len(self.points)} points, whose own rms is noise")
+        for name in hidden:
+            lines.append(f"Monte Carlo's noise hides how far {name} is off; four times the paths halve it")
         return "\n".join([*lines, self.left_out] if self.left_out else lines)
 
 
@@ -105,16 +122,17 @@ def compare(
     Raises
     ------
     InputError
-        A light shines inside, or there is nothing to sample.
+        There is nothing to sample, or a number makes no sense.
     """
-    mesh, medium, lights = result.mesh, result.medium, result.lights
+    check_counts(n_paths, seed)
+    mesh, medium, lights, blockers = result.mesh, result.medium, result.lights, result.blockers
     device = Device(result.report["device"], "single")
     radiosity = {OURS: result.vertex_radiosity}
     seconds = {OURS: float(result.report["seconds"]["total"])}
     left_out = ""
     try:
         started = time.perf_counter()
-        radiosity[DIPOLE] = dipole(mesh, medium, lights, device=device, progress=progress)
+        radiosity[DIPOLE] = dipole(mesh, medium, lights, device=device, progress=progress, blockers=blockers)
         seconds[DIPOLE] = time.perf_counter() - started
     except InputError as error:
         left_out = f"no dipole: {error}"
@@ -123,24 +141,25 @@ def compare(
     share = float(np.sqrt(weight.sum() / (np.pi * len(points))))
     truth = estimate(
         mesh, medium, lights, n_paths, mesh.vertices[points], mesh.normals[points],
-        seed=seed, radius=share, device=device, progress=progress,
+        seed=seed, radius=share, device=device, progress=progress, blockers=blockers,
     )  # fmt: skip
     good = np.isfinite(truth.radiosity).all(axis=1)
     scores = []
     for name, values in radiosity.items():
         around = _averaged(mesh, values, weight, points, truth.radius)
         scores.append(_score(name, around[good], truth.radiosity[good], seconds[name]))
-    return Comparison(
-        mesh,
-        radiosity,
-        points[good],
-        truth.radiosity[good],
-        truth.stderr[good],
-        scores,
-        _norm(truth.stderr[good]) / _norm(truth.radiosity[good]),
-        truth.seconds,
-        left_out,
-    )
+    known, stderr = truth.radiosity[good], truth.stderr[good]
+    noise = noise_of(known, stderr)
+    return Comparison(mesh, radiosity, points[good], known, stderr, scores, *noise, truth.seconds, left_out)
+
+
+def noise_of(truth: np.ndarray, stderr: np.ndarray) -> tuple[float, float, float]:
+    """Monte Carlo's `noise`, `bias_noise` and `doubt` (see `Comparison`); its channels may share their paths."""
+    tiny = np.finfo(float).tiny
+    scale = max(np.sum(truth**2), tiny)
+    variance = np.sum(stderr**2, axis=1) / scale
+    bias = np.sqrt(np.sum(np.sum(stderr, axis=1) ** 2)) / max(truth.sum(), tiny)
+    return float(np.sqrt(variance.sum())), float(bias), float(2 * np.sqrt(2 * np.sum(variance**2)))
 
 
 def vertex_areas(mesh: Mesh) -> np.ndarray:

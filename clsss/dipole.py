@@ -19,7 +19,7 @@ from clsss.device import Device
 from clsss.errors import InputError
 from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_moments, fresnel_transmittance
-from clsss.mesh import Mesh, RayCaster
+from clsss.mesh import Mesh, RayCaster, opaque_triangles
 from clsss.pointtree import octree
 from clsss.refine import areas, outward_normals, refine
 
@@ -108,6 +108,7 @@ def entering(
     eta: float,
     lights: Sequence[Any],
     progress: Progress | None = None,
+    blockers: Sequence[Mesh] = (),
 ) -> np.ndarray:
     """Irradiance that enters the surface (n, 3) [W/mm^2] at places with outward normals (n, 3).
 
@@ -116,7 +117,8 @@ def entering(
     InputError
         An `Emission`, which the dipole cannot take.
     """
-    caster, total = RayCaster(mesh.triangles), np.zeros((len(places), 3))
+    opaque, total = opaque_triangles(blockers), np.zeros((len(places), 3))
+    caster = RayCaster(mesh.triangles if opaque is None else np.concatenate([mesh.triangles, opaque]))
     start = places + 1e-5 * mesh.size * normals
     beams: list[Any] = []
     for light in lights:
@@ -153,6 +155,7 @@ def dipole(
     hierarchical: bool = True,
     device: Device | None = None,
     progress: Progress | None = None,
+    blockers: Sequence[Mesh] = (),
 ) -> np.ndarray:
     """Radiosity of the dipole at the mesh's vertices.
 
@@ -163,7 +166,7 @@ def dipole(
     material : Material
         Homogeneous.
     lights : sequence
-        Directional, point and environment lights.
+        Directional, point and environment lights; a sky counts as `SKY_BEAMS` beams.
     model : {"jensen", "better"}
         The classic dipole, of all orders of scattering, or d'Eon's, which leaves out light scattered once.
     hierarchical : bool
@@ -172,6 +175,8 @@ def dipole(
         By default the best there is, in single precision.
     progress : callable, optional
         Called with "light" or "dipole" and the fraction done.
+    blockers : sequence of Mesh
+        Opaque surfaces, closed or open, in front of the lights.
 
     Returns
     -------
@@ -193,7 +198,7 @@ def dipole(
     sigma, *both = poles(material, model)
     spacing = SPACING / material.sigma_tr.max()
     coarse, _ = refine(mesh.triangles, max(spacing, SHADOW * mesh.size))
-    lit = entering(mesh, coarse.mean(axis=1), outward_normals(coarse), material.eta, lights, progress)
+    lit = entering(mesh, coarse.mean(axis=1), outward_normals(coarse), material.eta, lights, progress, blockers)
     pieces, parent = refine(coarse, spacing)
     centre = mesh.bounds.mean(axis=0)  # single precision is for the distances
     places, area, lit = pieces.mean(axis=1) - centre, areas(pieces), lit[parent]

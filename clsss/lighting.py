@@ -48,7 +48,8 @@ class Scene:
     medium: Coefficients
     multigrid: Multigrid
     exchange: Exchange | None
-    blockers: RayCaster | None
+    blockers: tuple[Mesh, ...]
+    shadows: RayCaster | None
     split: bool  # whether light scattered once is traced on its own
     tolerance: float
     bytes_before: int  # that other results held on the device
@@ -186,12 +187,12 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     unit = light_unit(list(lights), scene.mesh.size)
     with timed("source", seconds, tell):
         source = make_source(
-            device, octree, medium, list(lights), unit, scene.blockers, lambda f: tell("source", f)
+            device, octree, medium, list(lights), unit, scene.shadows, lambda f: tell("source", f)
         )
     once, kept = None, np.zeros(3)
     if scene.split:
         with timed("single", seconds, tell):
-            once, kept, source = split(device, octree, medium, list(lights), unit, source, scene.blockers,
+            once, kept, source = split(device, octree, medium, list(lights), unit, source, scene.shadows,
                                        scene.tolerance, lambda f: tell("single", f))  # fmt: skip
     with timed("solve", seconds, tell):
         scene.multigrid.residual.wall = source.wall

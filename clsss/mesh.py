@@ -8,6 +8,7 @@ inside another is a cavity.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +25,7 @@ from clsss.repair import Repaired, repair
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["Mesh", "RayCaster", "contains", "load_mesh"]
+__all__ = ["Mesh", "RayCaster", "contains", "load_mesh", "opaque_triangles"]
 
 _FLAT = 1e-7  # volume over area times length: what rounding to float32 leaves of zero
 
@@ -79,6 +80,19 @@ class Mesh:
         normal = np.cross(b - a, c - a)
         area = np.sqrt(np.einsum("ij,ij->i", normal, normal)).sum() / 2
         return float(area), float(abs(np.einsum("ij,ij->", a, normal)) / 6)
+
+
+def opaque_triangles(blockers: Sequence[Mesh]) -> np.ndarray | None:
+    """Triangles (m, 3, 3) of surfaces that block light, closed or open, None where there are none.
+
+    Raises
+    ------
+    InputError
+        They are no list of meshes.
+    """
+    if not isinstance(blockers, (list, tuple)) or not all(isinstance(body, Mesh) for body in blockers):
+        raise InputError("blockers: needs a list of meshes from clsss.load_mesh")
+    return np.concatenate([body.vertices[body.faces] for body in blockers]) if blockers else None
 
 
 def load_mesh(

@@ -11,6 +11,7 @@ leave, on the surface around the points.
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,13 +21,20 @@ import numpy as np
 from clsss import paths, photons
 from clsss.device import Device
 from clsss.errors import InputError
+from clsss.halfedges import half_edges
+from clsss.launch import launched
 from clsss.materials import Medium
-from clsss.mesh import Mesh, contains
+from clsss.mesh import Mesh, contains, opaque_triangles
 from clsss.refine import outward_normals
 from clsss.transport import Walk, gather, make_scene
 
 CAP = 200_000  # collisions after which a path is given up; reported, never silent
 PATCH = 0.01  # of the mesh's size: radius of the surface around a point that photons are counted on
+LEAK = 1e-4  # share of the paths that may slip through the surface before it is said
+
+
+class PathWarning(UserWarning):
+    """Light is missing from a result, because paths were lost or given up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +52,8 @@ class Estimate:
     lost, capped : float
         Share of the paths that slipped through the surface unseen, and share given up after `CAP` collisions.
     energy : dict of (3,) float64
-        Power [W] incident on the object, reflected at its surface, absorbed, and leaving it scattered,
-        unscattered, lost or capped; empty unless photons were traced from the lights.
+        Power [W] incident on the object or emitted in it, reflected at its surface, absorbed, and leaving it
+        scattered, unscattered, lost or capped; empty unless photons were traced from the lights.
     radius : float
         Up to this far around its point a value is averaged over the surface [mm]; 0 where paths start there.
     seconds : float
@@ -78,17 +86,19 @@ def estimate(
     radius: float | None = None,
     device: Device | None = None,
     progress: Callable[[str, float], None] | None = None,
+    blockers: Sequence[Mesh] = (),
 ) -> Estimate:
     """Radiosity at points on the surface by random walks.
 
     Parameters
     ----------
     mesh : Mesh
-        The solid; where its surface is open, paths that slip out are counted in `Estimate.lost`.
+        The solid; where its surface is open, paths slip out, which a `PathWarning` tells.
     medium : Medium
         What fills it; media that vary in space are sampled on a grid.
     lights : sequence
-        Directional, point and environment lights.
+        Directional, point and environment lights, a sky counting as `clsss.transport.SKY_BEAMS` beams; and
+        emission, which counts like light scattered there for the first time.
     n_paths : int
         Paths, or photons, per point and channel.
     points, normals : (n, 3) array_like, optional
@@ -100,19 +110,22 @@ def estimate(
         Whether light that left may enter again elsewhere. False makes cavities and facing parts black, as a
         diffusion solver has it that does not couple them.
     forward : bool, optional
-        Photons from the lights instead of paths from the points; by default where ``medium.eta`` is not 1, and
-        for lamps inside the solid, which paths rarely come near.
+        Photons from the lights instead of paths from the points; by default where ``medium.eta`` is not 1, for
+        lamps inside the solid, which paths rarely come near, and for emission that is a function.
     radius : float, optional
         Photons count up to this far from a point, unless another is nearer [mm]; 1 % of the mesh's size.
     device : Device, optional
         In single precision; by default the best there is.
     progress : callable, optional
         Called with "paths" and the fraction done.
+    blockers : sequence of Mesh
+        Opaque black surfaces, closed or open: what meets them is absorbed.
 
     Raises
     ------
     InputError
-        No light, a point off the surface, `n_paths` below 1, or paths backwards where light bends.
+        No light, a point off the surface, `n_paths` below 1, or paths backwards where light bends or emission is
+        a function.
 
     References
     ----------
@@ -120,40 +133,73 @@ def estimate(
     vary); Prahl et al. 1989, "A Monte Carlo model of light propagation in tissue" (photons).
     """
     started = time.perf_counter()
-    if n_paths < 1:
-        raise InputError(f"n_paths: needs at least 1 path per point, got {n_paths}")
-    sources, device = gather(lights), device or Device(precision="single")
+    check_counts(n_paths, seed)
+    sources, opaque, device = gather(lights), opaque_triangles(blockers), device or Device(precision="single")
     if forward is None:
-        forward = medium.eta != 1 or bool(contains(mesh, sources.place[sources.lamps, :3]).any())
+        lamps = sources.place[sources.lamps, :3]
+        forward = medium.eta != 1 or sources.varies or bool(contains(mesh, lamps).any())
     if not forward and medium.eta != 1:
         raise InputError(f"forward: paths from the points need eta = 1, not {medium.eta:g}")
+    if not forward and sources.varies:
+        raise InputError("forward: paths from the points need emission that is the same everywhere, not a function")
     at, facing = _checked(mesh, points, normals)
     place, triangle = paths.anchors(mesh, at, facing)
     on = np.flatnonzero(triangle >= 0)
     if points is not None and len(on) < len(at):
-        off, near = len(at) - len(on), paths.NEAR * mesh.size
-        raise InputError(f"points: {off} of {len(at)} lie more than {near:g} mm off the surface")
+        k, near = int(np.argmax(triangle < 0)), paths.NEAR * mesh.size
+        where = f"number {k} at ({', '.join(f'{x:.4g}' for x in at[k])}) for one"
+        off = f"{len(at) - len(on)} of {len(at)} lie more than {near:g} mm off the surface"
+        raise InputError(f"points: {off}, {where}; move them onto it")
     walk, n = Walk(seed, reenter, CAP, progress), len(on)
     energy: dict[str, np.ndarray] = {}
+    scene = make_scene(mesh.triangles, medium, sources, device, opaque)
     if forward:
         radius = radius or PATCH * mesh.size
         there = outward_normals(mesh.triangles[triangle[on]])
-        pieces, owner = photons.patches(mesh.triangles, at[on], there, radius)
-        scene, area = make_scene(pieces, medium, sources, device), photons.owned_areas(pieces, owner, n)
-        launched = photons.launched(scene, sources, mesh)
-        results, energy = photons.trace(scene, launched, owner, area, n_paths * n, medium.eta, walk)
+        patches = photons.patches(mesh.triangles, at[on], there, radius)
+        lit = launched(scene, sources, mesh)
+        results, energy = photons.trace(scene, lit, patches, n_paths * n, medium.eta, walk)
         incident = max(energy["incident"].sum(), np.finfo(float).tiny)
         lost, capped = (float(energy[k].sum() / incident) for k in ("lost", "capped"))
     else:
         radius = 0.0
-        scene = make_scene(mesh.triangles, medium, sources, device)
         results, (lost, capped) = paths.trace(scene, sources, place[on], triangle[on], n_paths, walk)
     for name, values in results.items():
         results[name] = np.full((len(at), 3), np.nan)
         results[name][on] = values
     results["stderr"] = results.pop("radiosity_stderr")
+    _tell(mesh, lost, capped)
     seconds = time.perf_counter() - started
     return Estimate(**results, lost=lost, capped=capped, energy=energy, radius=radius, seconds=seconds)
+
+
+def check_counts(n_paths: Any, seed: Any) -> None:
+    """Refuse numbers of paths below 1 and seeds that generators do not take.
+
+    Raises
+    ------
+    InputError
+    """
+    for name, value, least in (("n_paths", n_paths, 1), ("seed", seed, 0)):
+        whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        if not whole or not least <= value < 2**31:
+            raise InputError(f"{name}: needs a whole number from {least} to {2**31 - 1}, got {value!r}")
+
+
+def _tell(mesh: Mesh, lost: float, capped: float) -> None:
+    """Warn of paths whose light is missing."""
+    if lost > LEAK:
+        corners = np.unique(mesh.triangles.reshape(-1, 3), axis=0, return_inverse=True)
+        edges = half_edges(corners[1].reshape(-1, 3))
+        gaps = corners[0][edges.ends[edges.net != 0]].mean(axis=1)
+        text = "it is closed, but has triangles too small for single precision"
+        for x, y, z in gaps[:1]:
+            text = f"{len(gaps)} of its edges are open, near ({x:.3g}, {y:.3g}, {z:.3g}) mm for one"
+        text = f"{lost:.2%} of the paths slipped through the surface of {mesh.name} unseen: {text}; repair the mesh"
+        warnings.warn(text, PathWarning, stacklevel=3)
+    if capped > 0:
+        text = f"{capped:.2g} of the paths were given up after {CAP} collisions and their light is missing"
+        warnings.warn(f"{text}; the medium absorbs too little for its size", PathWarning, stacklevel=3)
 
 
 def _checked(mesh: Mesh, points: Any, normals: Any) -> tuple[np.ndarray, np.ndarray | None]:

@@ -75,13 +75,13 @@ def trace(
         How.
     """
     device, n, channels = scene.device, len(place), scene.n_channels
-    lights = _choice(scene, sources)
+    lights = _choice(scene, sources) if len(sources.place) else (scene.lights, scene.lights, scene.lights)
     starts = device.array(place - scene.centre), device.array(scene.places[triangle])
     counters = device.zeros(2, np.uint32)
     shape = n, channels, len(sources.place), walk.cap, walk.seed, int(walk.reenter)
     half = scene.half + 0.02 * scene.half.max()
     box = device.vector(-half), device.vector(half)
-    given = (*shape, *box, *scene.surface, *scene.medium, *lights, *starts)
+    given = (*shape, *box, *scene.surface, *scene.medium, device.array(scene.emission), *lights, *starts)
     kernel, block = device.kernel("paths", "paths", *scene.defines), n * channels
     sums = np.zeros((len(QUANTITIES), 2, block))
     for start, count in launches(n_paths * block, walk.progress):
@@ -90,8 +90,8 @@ def trace(
         total, single = out.get().astype(float).T
         where = (start + np.arange(count)) % block
         for into, values in zip(sums, (total, single, total - single), strict=True):
-            into[0] += np.bincount(where, values, block)
-            into[1] += np.bincount(where, values**2, block)
+            np.add.at(into[0], where, values)  # one by one: however launches fall, the sums round alike
+            np.add.at(into[1], where, values**2)
     mean, square = sums[:, 0] / n_paths, sums[:, 1] / n_paths
     error = np.sqrt(np.maximum(square - mean**2, 0) / max(n_paths - 1, 1))
     results = {}

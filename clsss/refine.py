@@ -16,6 +16,9 @@ def areas(triangles: np.ndarray) -> np.ndarray:
 def refine(triangles: np.ndarray, length: float, at_least: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Cut each triangle into k x k equal pieces whose edges are no longer than `length`.
 
+    With barycentric coordinates i / k and j / k of the second and third corner, pieces of a triangle follow one
+    another by i, then by j, upright before inverted: i (2 k - i) + 2 j comes first at i, j.
+
     Parameters
     ----------
     triangles : (m, 3, 3) float64
@@ -86,8 +89,7 @@ def outward_normals(triangles: np.ndarray) -> np.ndarray:
 
 def _pattern(k: int) -> np.ndarray:
     """Barycentric corners (k^2, 3, 3) of the pieces of one triangle."""
-    i, j = (v.ravel() for v in np.indices((k, k)))
-    upright = np.stack([[i, j], [i + 1, j], [i, j + 1]], axis=0)[..., i + j < k]
-    inverted = np.stack([[i + 1, j], [i + 1, j + 1], [i, j + 1]], axis=0)[..., i + j < k - 1]
-    ij = np.concatenate([upright, inverted], axis=2).transpose(2, 0, 1) / k
+    i, j, inverted = (v.ravel() for v in np.indices((k, k, 2)))
+    first, second, third = [i + inverted, j], [i + 1, j + inverted], [i, j + 1]
+    ij = np.array([first, second, third]).transpose(2, 0, 1)[i + j + inverted < k] / k
     return np.concatenate([1 - ij.sum(axis=2, keepdims=True), ij], axis=2)

@@ -19,7 +19,7 @@ from clsss.errors import InputError
 from clsss.exchange import leaving_shape, trace_exchange
 from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
 from clsss.materials import fresnel_A
-from clsss.mesh import Mesh, RayCaster, contains
+from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
 from clsss.multigrid import Multigrid
 from clsss.refinement import Refine, varies
 from clsss.report import account
@@ -58,6 +58,11 @@ class Result:
     _scene: Scene = field(repr=False)
     _solution: Solution = field(repr=False)
 
+    @property
+    def blockers(self) -> tuple[Mesh, ...]:
+        """The opaque bodies that were given."""
+        return self._scene.blockers
+
     def radiosity(self, points: Any) -> np.ndarray:
         """Radiosity (n, 3) [W/mm^2] at points (n, 3) on or near the surface [mm]."""
         exitance = self._solution.exitance
@@ -80,7 +85,7 @@ class Result:
     @cached_property
     def _once(self) -> SingleScattering:
         scene, lights = self._scene, list(self.lights)
-        return SingleScattering(scene.device, scene.octree, scene.medium, lights, self._solution.unit, scene.blockers)
+        return SingleScattering(scene.device, scene.octree, scene.medium, lights, self._solution.unit, scene.shadows)
 
     def radiance(self, eye: Any, depths: int = DEPTHS, least_cosine: float = 0.0) -> np.ndarray:
         """Radiance that leaves the vertices towards a camera.
@@ -212,9 +217,11 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         dev.finish()
     with timed("exchange", seconds, tell):
-        shadows = RayCaster(np.concatenate([b.vertices[b.faces] for b in blockers])) if blockers else None
+        opaque = opaque_triangles(blockers)
+        shadows = None if opaque is None else RayCaster(opaque)
         coupling = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
-    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, shadows, scattering == "split", tolerance, before)
+    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, tuple(blockers), shadows,
+                  scattering == "split", tolerance, before)  # fmt: skip
     return _bake(scene, medium, lights, None, seconds, start, tell)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from clsss.bvh import build
 from clsss.device import Buffer, Device
 from clsss.errors import InputError
-from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
+from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import Medium
 
 QUANTITIES = ("radiosity", "single", "multiple")
@@ -26,7 +26,7 @@ GRID_NODES = 96  # along the longest side, for media that vary in space
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Beams and lamps.
+    """Beams and lamps, and what shines inside.
 
     Attributes
     ----------
@@ -34,38 +34,50 @@ class Sources:
         Direction of travel and 0, or position [mm] and 1.
     strength : (l, 3) float64
         Irradiance [W/mm^2] or intensity [W/sr].
+    emission : tuple of Emission
+        What shines inside.
     """
 
     place: np.ndarray
     strength: np.ndarray
+    emission: tuple[Emission, ...]
 
     @property
     def lamps(self) -> np.ndarray:
         """Which of them are lamps, (l,) bool."""
         return self.place[:, 3] > 0
 
+    @property
+    def varies(self) -> bool:
+        """Whether some emission is a function of the place."""
+        return any(callable(light.q0) for light in self.emission)
+
+    @property
+    def even_emission(self) -> np.ndarray:
+        """Power per volume (3,) [W/mm^3] of the emission that is the same everywhere."""
+        return np.sum([np.zeros(3), *(light.q0 for light in self.emission if not callable(light.q0))], axis=0)
+
 
 def gather(lights: Sequence[Any]) -> Sources:
-    """Beams and lamps of all lights; a sky becomes `SKY_BEAMS` beams."""
-    place, strength = [], []
+    """Beams, lamps and emission of all lights; a sky becomes `SKY_BEAMS` beams."""
+    place, strength, emission = [], [], []
     for light in [lights] if not isinstance(lights, Sequence) else lights:
         if isinstance(light, PointLight):
             place.append([*light.position, 1.0])
             strength.append(light.intensity)
-            continue
-        if isinstance(light, EnvironmentLight):
-            beams = light.beams(SKY_BEAMS)
-        elif isinstance(light, DirectionalLight):
-            beams = [light]
+        elif isinstance(light, Emission):
+            emission += [light] if callable(light.q0) or np.any(light.q0) else []
+        elif isinstance(light, (DirectionalLight, EnvironmentLight)):
+            beams = light.beams(SKY_BEAMS) if isinstance(light, EnvironmentLight) else [light]
+            place += [[*b.direction, 0.0] for b in beams]
+            strength += [b.irradiance for b in beams]
         else:
-            raise InputError(
-                f"lights: Monte Carlo takes beams, point lights and environments, not {type(light).__name__}"
-            )
-        place += [[*b.direction, 0.0] for b in beams]
-        strength += [b.irradiance for b in beams]
-    if not place or np.max(strength) == 0:
+            raise InputError(f"lights: {light!r} is no light; use those that clsss.simulate takes")
+    lit = np.any(np.reshape(strength, (-1, 3)), axis=1)
+    found = Sources(np.reshape(place, (-1, 4))[lit], np.reshape(strength, (-1, 3))[lit], tuple(emission))
+    if not (emission or lit.any()):
         raise InputError("lights: there is no light; give at least one that is not black")
-    return Sources(np.array(place), np.array(strength))
+    return found
 
 
 @dataclass(frozen=True)
@@ -88,13 +100,17 @@ class Scene:
         Centre and half the extent of the bounding box [mm]. On the device lengths count from the centre, so
         that single precision is not spent on how far the object is from the origin.
     radius : float
-        Of the sphere about the box's centre that holds everything [mm].
+        Of the sphere about the box's centre that holds the solid [mm].
+    reach : float
+        Of the sphere that holds what blocks light, too [mm].
     channel : (3,) int
         For red, green and blue, the channel that is traced.
     scale : (3,) float64
         Each colour's strongest light: what results are to be multiplied by.
     strength : (l, c) float64
         Strengths of the lights in the channels traced, over the strongest.
+    emission : (c,) float64
+        The same of the emission that does not vary.
     places : (m,) int
         Where on the device each of the triangles is.
     n_places : int
@@ -105,9 +121,11 @@ class Scene:
     centre: np.ndarray
     half: np.ndarray
     radius: float
+    reach: float
     channel: np.ndarray
     scale: np.ndarray
     strength: np.ndarray
+    emission: np.ndarray
     places: np.ndarray
     n_places: int
     leaf_size: int
@@ -121,6 +139,7 @@ class Scene:
     grid: Buffer
     boxes: Buffer
     triangles: Buffer
+    opaque: Buffer
     lights: Buffer
 
     @property
@@ -130,44 +149,56 @@ class Scene:
 
     @property
     def surface(self) -> tuple[Any, ...]:
-        """Kernel arguments: the tree of boxes and its triangles."""
-        return self.n_leaves, self.leaf_size, self.boxes, self.triangles
+        """Kernel arguments: the tree of boxes, its triangles, and which of them absorb all light."""
+        return self.n_leaves, self.leaf_size, self.boxes, self.triangles, self.opaque
 
     @property
     def medium(self) -> tuple[Any, ...]:
         """Kernel arguments: mean cosine, grid and coefficients."""
         return self.g, self.nodes, self.origin, self.inverse_spacing, self.majorant, self.grid
 
+    def traced(self, values: np.ndarray) -> np.ndarray:
+        """Of red, green and blue (..., 3) the channels that are traced (..., c)."""
+        return values[..., np.unique(self.channel, return_index=True)[1]]
+
     def rgb(self, values: np.ndarray) -> np.ndarray:
         """Results (..., c) of the channels traced as (..., 3)."""
         return values[..., self.channel] * self.scale
 
 
-def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: Device) -> Scene:
-    """Build the tree of boxes, sample the medium, copy both to the device."""
-    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+def make_scene(
+    triangles: np.ndarray, medium: Medium, sources: Sources, device: Device, opaque: np.ndarray | None = None
+) -> Scene:
+    """Build the tree of boxes, sample the medium, copy both to the device; `opaque` (k, 3, 3) absorbs all light."""
+    n, low, high = len(triangles), triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     values, spacing = _sampled(medium, low, high)
     centre = (low + high) / 2
-    triangles = triangles - centre
+    triangles = (triangles if opaque is None else np.concatenate([triangles, opaque])) - centre
     lights = sources.place - np.where(sources.lamps[:, None], [*centre, 0], 0)
     tree = build(triangles)
     places = np.unique(tree.order, return_index=True)[1]
     placed = np.repeat(triangles[tree.order][:, :1], 3, axis=1)  # second copies shrink to a point: never hit
     placed[places] = triangles
-    scale = sources.strength.max(axis=0)
-    strength = sources.strength / np.maximum(scale, np.finfo(float).tiny)
-    chosen, channel = _alike(np.concatenate([values.reshape(3, -1), strength.T], axis=1))
-    values = values[chosen]
+    far = np.linalg.norm(triangles, axis=2) * (1 + 1e-5)
+    relative = np.vstack([sources.strength, sources.even_emission])
+    scale = relative.max(axis=0)
+    scale[scale == 0] = 1
+    relative /= scale
+    tints = np.arange(3)[:, None] if sources.varies else relative.T  # a function may colour any place
+    chosen, channel = _alike(np.concatenate([values.reshape(3, -1), relative.T, tints], axis=1))
+    values, relative = values[chosen], relative[:, chosen]
     size_z, size_y, size_x = values.shape[1:4]
     return Scene(
         device=device,
         centre=centre,
         half=(high - low) / 2,
-        radius=float(np.linalg.norm(triangles, axis=2).max()) * (1 + 1e-5),
+        radius=float(far[:n].max()),
+        reach=float(far.max()),
         channel=channel,
         scale=scale,
-        strength=strength[:, chosen],
-        places=places.astype(np.int32),
+        strength=relative[:-1],
+        emission=relative[-1],
+        places=places[:n].astype(np.int32),
         n_places=len(placed),
         leaf_size=tree.leaf_size,
         n_leaves=tree.n_leaves,
@@ -180,7 +211,8 @@ def make_scene(triangles: np.ndarray, medium: Medium, sources: Sources, device: 
         grid=device.array(values),
         boxes=device.array(tree.boxes),
         triangles=device.array(placed),
-        lights=device.array(lights),
+        opaque=device.array((tree.order >= n).astype(np.uint8), np.uint8),
+        lights=device.array(lights if len(lights) else np.zeros((1, 4))),
     )
 
 

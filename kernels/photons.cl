@@ -1,14 +1,17 @@
 /* photons.cl -- power that leaves the surface, by random walks forward from the lights.
  *
- *     radiosity of a bin = power of photons that leave through its triangles after scattering / its area
+ *     radiosity of a bin = power of photons that leave through its pieces of triangles after scattering / its area
  *
- * For any index of refraction: a photon that meets the surface is reflected or refracted by chance, in the
- * proportions of Fresnel's equations. Sums are 64-bit fixed point, so their order does not matter.
+ * A photon that meets the surface is reflected or refracted by chance, in the proportions of Fresnel's equations.
+ * Sums are 64-bit fixed point, so their order does not matter.
  */
 #include "real.h"
 #include "random.h"
 #include "surface.h"
 #include "medium.h"
+#include "launch.h"
+
+#define OFF (REAL)2e-6 /* of the radius: keeps rounding near an edge from starting a ray behind the next triangle */
 
 enum { INCIDENT, REFLECTED, ABSORBED, SCATTERED, UNSCATTERED, LOST, CAPPED, TALLIES };
 
@@ -16,18 +19,6 @@ enum { INCIDENT, REFLECTED, ABSORBED, SCATTERED, UNSCATTERED, LOST, CAPPED, TALL
 void add(__global uint *restrict sums, const int k, const REAL value) {
     const uint v = (uint)(value * 1048576 + (REAL)0.5), old = atomic_add(sums + 2 * k, v);
     if (old + v < old) atomic_inc(sums + 2 * k + 1);
-}
-
-/* Where a photon of light l starts and which way it goes; a lamp aims at the sphere about the object. */
-Ray emitted(const REAL4 light, const REAL4 sphere, const REAL4 u) {
-    if (light.w == 0) {
-        const REAL3 aside = around(light.xyz, 0, u.y);
-        return (Ray){sphere.xyz - 2 * sphere.w * light.xyz + sphere.w * sqrt(u.x) * aside, light.xyz, -1};
-    }
-    const REAL3 to = sphere.xyz - light.xyz;
-    const REAL distance = length(to), ratio = sphere.w / distance;
-    if (!(ratio < 1)) return (Ray){light.xyz, around((REAL3)(0, 0, 1), 1 - 2 * u.x, u.y), -1};
-    return (Ray){light.xyz, around(to / distance, 1 - u.x * (1 - sqrt(1 - ratio * ratio)), u.y), -1};
 }
 
 /* Unpolarised reflectance; eta: index of the side the light comes from over that of the other. */
@@ -44,25 +35,34 @@ REAL reflectance(const REAL cosine, const REAL eta, REAL *restrict beyond) {
 // cost photons: 8R B, 100000 flop
 __kernel void photons(const int n, const int first_photon, const int n_channels, const int n_lights,
                       const int n_bins, const int cap, const int seed, const int reenter, const REAL eta,
-                      const REAL4 sphere, const int first_leaf, const int leaf_size, __global const REAL *restrict box,
-                      __global const REAL *restrict triangle, const REAL g, const int4 nodes, const REAL4 origin,
+                      const REAL radius, const REAL outer, const int first_leaf, const int leaf_size,
+                      __global const REAL *restrict box, __global const REAL *restrict triangle,
+                      __global const uchar *restrict opaque, const REAL g, const int4 nodes, const REAL4 origin,
                       const REAL4 inverse_spacing, __global const REAL *restrict majorant,
                       __global const REAL2 *restrict grid, __global const REAL4 *restrict light,
                       __global const int *restrict inside, __global const REAL *restrict strength,
-                      __global const REAL *restrict cumulative, __global const int *restrict bin,
+                      __global const REAL *restrict cumulative, const int n_births,
+                      __global const REAL4 *restrict birth, __global const REAL *restrict birth_power,
+                      __global const int2 *restrict cut, __global const int *restrict owner,
                       __global uint *restrict scores, __global uint *restrict tallies) {
     const int item = get_global_id(0);
     if (item >= n) return;
     const int c = item % n_channels;
-    const Surface s = {first_leaf, leaf_size, box, triangle};
+    const Surface s = {first_leaf, leaf_size, box, triangle, opaque};
     const Medium m = {majorant[c], g, nodes, origin, inverse_spacing, grid + c * nodes.w};
     Random random = {(uint4)(first_photon + item / n_channels, 0, 0, 0), (uint2)(seed, 2)};
     REAL4 u = uniform4(&random);
-    const int l = pick(n_lights, cumulative, u.x);
-    Ray ray = emitted(light[l], sphere, u.yzwx);
-    const REAL power = strength[l * n_channels + c];
-    REAL weight = power, absorbed = 0;
+    const int l = pick(n_lights, cumulative, u.x), born = (first_photon + item / n_channels) % n_births;
+    REAL power = strength[l * n_channels + c], kept = 0;
     int count = inside[l], order = 0, tracked = 0, end = -1;
+    Ray ray = emitted(light[l], radius, outer, u.yzwx);
+    if (light[l].w > 1) {
+        power *= birth_power[born * n_channels + c];
+        count = (int)birth[born].w;
+        order = 1;
+        ray = (Ray){birth[born].xyz, around((REAL3)(0, 0, 1), 1 - 2 * u.y, u.z), -1};
+    }
+    REAL weight = power;
     bool met = count, entered = count;
     for (; tracked < cap && end < 0; tracked++) {
         Hit last = {0, -1, 0};
@@ -71,10 +71,12 @@ __kernel void photons(const int n, const int first_photon, const int n_channels,
             const REAL reach = count > 0 ? last.t + flight(m, uniform4(&random).x) : INFINITY;
             const Hit hit = next_hit(s, ray, last, reach);
             last = hit;
-            boundary = hit.id >= 0 && (count == 0 || crossed(count, hit) == 0);
+            boundary = hit.id >= 0 && (absorbed(hit) || count == 0 || crossed(count, hit) == 0);
             if (hit.id < 0 || boundary) break;
             count = crossed(count, hit);
         }
+        if (absorbed(last) && count > 0) { kept += weight; weight = 0; }
+        if (absorbed(last)) break;
         if (!boundary && count == 0) break;
         const REAL3 at = ray.origin + last.t * ray.direction;
         u = uniform4(&random);
@@ -87,7 +89,7 @@ __kernel void photons(const int n, const int first_photon, const int n_channels,
             const REAL ratio = out ? eta : 1 / eta, cosine = fmin((REAL)1, dot(ray.direction, normal));
             REAL beyond;
             const bool reflects = u.x < reflectance(cosine, ratio, &beyond);
-            ray = (Ray){at, ray.direction, last.id};
+            ray = (Ray){at + (reflects ? -OFF : OFF) * radius * normal, ray.direction, last.id};
             if (reflects) {
                 ray.direction = normalize(ray.direction - 2 * cosine * normal);
                 continue;
@@ -95,15 +97,15 @@ __kernel void photons(const int n, const int first_photon, const int n_channels,
             ray.direction = normalize(ratio * (ray.direction - cosine * normal) + beyond * normal);
             count = !out;
             entered = true;
-            if (out && order > 0 && bin[last.id] >= 0)
-                add(scores, (c * n_bins + bin[last.id]) * 2 + (order > 1), weight);
+            const int bin = out && order > 0 ? owner[piece(s, last.id, at, cut[last.id])] : -1;
+            if (bin >= 0) add(scores, (c * n_bins + bin) * 2 + (order > 1), weight);
             continue;
         }
         ray = (Ray){at, ray.direction, -1};
-        if (distance(at, sphere.xyz) > (REAL)1.01 * sphere.w) { end = LOST; break; }
+        if (length(at) > (REAL)1.01 * radius) { end = LOST; break; }
         const REAL2 sigma = coefficients(m, at);
         if (u.x * m.majorant >= sigma.x + sigma.y) continue;
-        absorbed += weight * sigma.x / (sigma.x + sigma.y);
+        kept += weight * sigma.x / (sigma.x + sigma.y);
         weight *= sigma.y / (sigma.x + sigma.y);
         order++;
         if (weight < (REAL)0.1) {
@@ -115,6 +117,6 @@ __kernel void photons(const int n, const int first_photon, const int n_channels,
     if (!met) return;
     if (end < 0) end = tracked == cap ? CAPPED : order > 0 ? SCATTERED : entered ? UNSCATTERED : REFLECTED;
     add(tallies, c * TALLIES + INCIDENT, power);
-    add(tallies, c * TALLIES + ABSORBED, absorbed);
+    add(tallies, c * TALLIES + ABSORBED, kept);
     add(tallies, c * TALLIES + end, weight);
 }

@@ -10,11 +10,13 @@ typedef struct {
     int first_leaf, leaf_size;
     __global const REAL *restrict box;
     __global const REAL *restrict triangle;
+    __global const uchar *restrict opaque; /* which triangles are black and none of the solid's; 0: not asked for */
 } Surface;
 
 typedef struct { REAL3 origin, direction; int skip; } Ray; /* skip: the triangle the ray starts on, or -1 */
 
-typedef struct { REAL t; int id, out; } Hit; /* out: 1 where the ray leaves the solid, -1 where it enters */
+/* out: 1 where the ray leaves the solid, -1 where it enters, 0 where it meets nothing or a black body */
+typedef struct { REAL t; int id, out; } Hit;
 
 /* Distance at which the ray enters a box, or INFINITY. */
 REAL enter(__global const REAL *restrict box, const REAL3 origin, const REAL3 inverse, const REAL after,
@@ -37,7 +39,7 @@ void meet(const Surface s, const Ray ray, const Hit last, const int id, Hit *res
     const REAL t = clamp(dot(normal, a) / slope, fmin(x, fmin(y, z)), fmax(x, fmax(y, z)));
     const int later = t > last.t || (t == last.t && id > last.id);
     if (later && id != ray.skip && (t < best->t || (t == best->t && id < best->id)))
-        *best = (Hit){t, id, slope > 0 ? 1 : -1};
+        *best = (Hit){t, id, s.opaque && s.opaque[id] ? 0 : slope > 0 ? 1 : -1};
 }
 
 /* First hit after `last` and up to `reach`; its id is -1 where there is none. */
@@ -62,8 +64,20 @@ Hit next_hit(const Surface s, const Ray ray, const Hit last, const REAL reach) {
     }
 }
 
+bool absorbed(const Hit hit) { return hit.id >= 0 && hit.out == 0; }
+
 /* How many bodies hold the ray after it passed a hit. */
 int crossed(const int count, const Hit hit) { return max(0, count - hit.out); }
+
+/* Which piece of a triangle, cut into cut.y^2 of which cut.x is the first, a place on it lies in (see refine.py). */
+int piece(const Surface s, const int id, const REAL3 at, const int2 cut) {
+    const REAL3 p = vload3(3 * id, s.triangle), x = at - p;
+    const REAL3 b = vload3(3 * id + 1, s.triangle) - p, c = vload3(3 * id + 2, s.triangle) - p, normal = cross(b, c);
+    const REAL scale = cut.y / dot(normal, normal), v = dot(cross(x, c), normal) * scale;
+    const REAL w = dot(cross(b, x), normal) * scale;
+    const int i = clamp((int)v, 0, cut.y - 1), j = clamp((int)w, 0, cut.y - 1 - i);
+    return cut.x + i * (2 * cut.y - i) + 2 * j + (v - i + w - j > 1 && i + j + 1 < cut.y);
+}
 
 REAL3 face_normal(const Surface s, const int id) {
     const REAL3 p = vload3(3 * id, s.triangle);

@@ -14,10 +14,11 @@ from clsss.compare import Comparison, Score, compare
 from clsss.comparison_picture import RANGE, colours, interpolated, picture
 from clsss.dipole import dipole
 from clsss.errors import DeviceError, InputError
-from clsss.lights import DirectionalLight
+from clsss.lights import DirectionalLight, Emission
 from clsss.materials import Material
 from clsss.media import Mix, Perlin
 from clsss.mesh import load_mesh
+from clsss.montecarlo import estimate
 
 LIGHTS = [DirectionalLight((0, 0, -1))]
 
@@ -27,11 +28,13 @@ def ball():
     return load_mesh(trimesh.creation.icosphere(3, 5.0))
 
 
-def stand_in(medium, radiosity=None):
+def stand_in(medium, radiosity=None, lights=LIGHTS, blockers=()):
     """What `compare` needs of a result; without radiosity, ours is the dipole."""
-    values = dipole(ball(), medium, LIGHTS) if radiosity is None else radiosity
+    values = dipole(ball(), medium, lights, blockers=blockers) if radiosity is None else radiosity
     report = {"device": "", "seconds": {"total": 1.5}}
-    return SimpleNamespace(mesh=ball(), medium=medium, lights=LIGHTS, vertex_radiosity=values, report=report)
+    return SimpleNamespace(
+        mesh=ball(), medium=medium, lights=lights, blockers=blockers, vertex_radiosity=values, report=report
+    )
 
 
 @pytest.mark.parametrize("eta", [1.0, 1.4])
@@ -47,6 +50,42 @@ def test_same_radiosity_gets_the_same_score(eta):
     assert len(lines) == 5
     assert lines[1].startswith("clsss")
     assert "100 points" in lines[-1]
+
+
+def test_noise_that_hides_an_error_is_said():
+    """Ours is Monte Carlo itself with other chances: all that its rms shows is noise."""
+    medium = Material(0.02, 2.0)
+    same = estimate(ball(), medium, LIGHTS, 300, seed=1).radiosity
+    c = compare(stand_in(medium, same), 200, 30)
+    ours, other = c.scores
+    (bound, told), (beyond, clear) = c.beyond(ours), c.beyond(other)
+    assert not told
+    assert ours.rms < 1.3 * c.noise
+    assert clear
+    assert beyond == pytest.approx(np.sqrt(other.rms**2 - c.noise**2))
+    exact = compare(stand_in(medium, same), 200, 1000)
+    assert exact.scores[0].rms < 0.7 * bound
+    assert abs(ours.bias) < 3 * c.bias_noise
+    assert c.table().count("hides") == 1
+    assert "hides how far clsss" in c.table()
+    assert f"< {bound:.2%}" in c.table()
+
+
+def test_blockers_are_compared():
+    plate = load_mesh(trimesh.creation.box((20, 20, 1)).apply_translation((10, 0, 9)))
+    medium = Material(0.02, 2.0)
+    free = dipole(ball(), medium, LIGHTS)
+    c = compare(stand_in(medium, free, blockers=(plate,)), 100, 50)
+    ours, other = c.scores
+    assert ours.bias > 0.5
+    assert abs(other.bias) < 0.25
+
+
+def test_emission_is_compared_with_monte_carlo_alone():
+    c = compare(stand_in(Material(0.02, 2.0), np.ones((len(ball().vertices), 3)), [Emission(0.6)]), 50, 20)
+    assert [s.name for s in c.scores] == ["clsss"]
+    assert "not Emission" in c.table()
+    assert c.truth.mean() == pytest.approx(0.6 * 5 / 3, rel=0.2)
 
 
 def test_media_that_vary_leave_the_dipole_out():
@@ -66,7 +105,7 @@ def made_up():
     scores = [Score("clsss", 0.1, 0.2, 0.1, 1.0), Score("dipole", 0.2, 0.4, -0.2, 2.0)]
     truth = np.ones((len(points), 3))
     return Comparison(
-        ball(), {"clsss": 1.1 * values, "dipole": 0.8 * values}, points, truth, 0 * truth, scores, 0.0, 3.0
+        ball(), {"clsss": 1.1 * values, "dipole": 0.8 * values}, points, truth, 0 * truth, scores, 0.0, 0.0, 0.0, 3.0
     )
 
 
