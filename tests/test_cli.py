@@ -332,6 +332,15 @@ def test_compare_prints_and_writes(tmp_path, ball):
     assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
 
 
+def test_a_flat_card_is_a_blocker(tmp_path):
+    (tmp_path / "card.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    scene = tmp_path / "s.toml"
+    scene.write_text('mesh = "m.ply"\nblockers = ["card.obj"]\n')
+    args = scenefile.parse(cli._parser(), ["bake", str(scene)])
+    (card,) = request.blockers_from(args, SimpleNamespace(report={"scale": 2.0}))
+    np.testing.assert_allclose(np.ptp(card.vertices[card.faces], axis=(0, 1)), (2, 2, 0))
+
+
 def test_blockers_scale_with_the_mesh(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box([4, 4, 1]).apply_translation([0, 0, 5]).export(tmp_path / "wall.ply")
