@@ -1,5 +1,6 @@
 /* launch.h -- where photons start. A light is a direction of travel and 0, a position and 1, or anything and 2 for
  * emission, whose places were drawn beforehand. */
+#define OFF (REAL)2e-6 /* of the radius: keeps rounding near an edge from starting a ray behind the next triangle */
 
 /* Where a photon of a beam or lamp starts and which way it goes, for an object within `radius` about the origin and
  * nothing further than `reach`; a lamp aims at the object. */

@@ -11,8 +11,6 @@
 #include "medium.h"
 #include "launch.h"
 
-#define OFF (REAL)2e-6 /* of the radius: keeps rounding near an edge from starting a ray behind the next triangle */
-
 enum { INCIDENT, REFLECTED, ABSORBED, SCATTERED, UNSCATTERED, LOST, CAPPED, TALLIES };
 
 /* Add to a sum of two words, in units of 2^-20. */
