@@ -235,7 +235,7 @@ class Window:
 
 def moved(camera: Camera, start: Camera) -> tuple[float, ...]:
     """Zoom from one camera to another that looks the same way, and how far that is moved aside, if it is."""
-    right, over, nearer = camera.axes() @ (camera.target - start.target)
+    right, over, nearer = (camera.axes() @ (camera.target - start.target)).tolist()
     distance = camera.distance + nearer
     height = replace(camera, distance=distance).picture_height
     zoom, aside = round(start.distance / distance, 3), (round(right / height, 4), round(over / height, 4))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from clsss import grammar, scenefile, view
-from clsss.baker import Baker
+from clsss.baker import GLANCE, LOOK, Baker
 from clsss.camera import Camera, fitted
 from clsss.errors import DeviceError
 from clsss.export import srgb_encode
@@ -204,3 +204,23 @@ def test_far_from_the_origin_the_picture_is_the_same(scene, square):
         scene.set_radiosity(np.where(square.vertices[:, :1] > 0, 0.6, 0.2) * np.ones(3), 1.0)
         pictures.append(scene.picture(SIZE, front(moved)).astype(int))
     assert np.abs(pictures[1] - pictures[0]).max() <= 1
+
+
+def test_what_is_scattered_once_follows_the_camera(monkeypatch):
+    """A glance as soon as the eye has moved, then a longer look; the lights are not solved again."""
+    def radiance(eye, depths, least_cosine):
+        return np.full((4, 3), eye[0] + depths)
+
+    baked = SimpleNamespace(lights=(), vertex_radiosity=None, vertex_radiosity_single=np.zeros((4, 3)),
+                            radiance=radiance)  # fmt: skip
+    monkeypatch.setattr("clsss.baker.load", lambda args: "mesh")
+    monkeypatch.setattr("clsss.baker.bake", lambda args, mesh, progress: baked)
+    baker = Baker(SimpleNamespace(), lambda: None)
+    baker.start()
+    assert baker.events.get(timeout=5) == "mesh"
+    seen = [baker.events.get(timeout=5).radiosity[0, 0] / np.pi for _ in range(2)]
+    np.testing.assert_allclose(seen, [GLANCE, LOOK])
+    baker.eye = np.array([100.0, 0, 0])
+    baker.wishes.put(None)
+    seen = [baker.events.get(timeout=5).radiosity[0, 0] / np.pi for _ in range(2)]
+    np.testing.assert_allclose(seen, [100 + GLANCE, 100 + LOOK])
