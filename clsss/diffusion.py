@@ -162,8 +162,8 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     for k in range(len(T) - 2, -1, -1):
         level = octree.levels[k]
         device.run(kernel, level.n, level.n, level.h, medium.D[k], medium.D[max(k - 1, 0)], medium.sigma_a[k],
-                   level.nbr, level.parent, level.is_leaf, level.child, T[k + 1], absorb[k + 1], T[k],
-                   absorb[k])  # fmt: skip
+                   level.nbr, level.parent, level.is_leaf, level.child, octree.levels[k + 1].n,
+                   octree.levels[k + 1].nbr, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
     kernel = device.kernel("coefficients", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
     for level, t in zip(octree.levels[1:], T[1:], strict=True):

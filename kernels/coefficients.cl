@@ -3,7 +3,7 @@
  *     sum_f T_f (phi_i - phi_f) + absorb phi_i = b_i
  *
  * The finest level comes from the cut cells' moments; coarser ones need no geometry: a coarse face adds half the
- * fine faces' T, which is the arithmetic mean of area D over twice the distance, and absorb is a plain sum.
+ * fine faces' T, which is the arithmetic mean of area D over twice the distance; for absorb see pinning.h.
  */
 
 /* Between a covered cell and a leaf the smooth part of a correction sees 3/4 of the fine faces' T (the distance grows
@@ -12,6 +12,7 @@
 #include "real.h"
 #include "face.h"
 #include "conductance.h"
+#include "pinning.h"
 #include "weight.h"
 
 COND across(const REAL area, const REAL d_i, const REAL d_j, const REAL4 D_i, const REAL4 D_j) {
@@ -63,11 +64,12 @@ COND sum_side(const int i, const int f, const int side, __global const int *rest
     return sum;
 }
 
-// cost coarse_coefficients: 60R+60 B, 80 flop
+// cost coarse_coefficients: 252R+260 B, 560 flop
 __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_coarse, MEDIUM sigma_a,
                                   __global const int *restrict nbr, __global const int *restrict parent,
                                   __global const uchar *restrict is_leaf,
-                                  __global const int *restrict child, __global const COND *restrict T_fine,
+                                  __global const int *restrict child, const int n_fine,
+                                  __global const int *restrict nbr_fine, __global const COND *restrict T_fine,
                                   __global const REAL4 *restrict absorb_fine, __global COND *restrict T,
                                   __global REAL4 *restrict absorb) {
     const int i = get_global_id(0);
@@ -82,14 +84,8 @@ __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_
         else t = (is_leaf[j] ? TO_LEAF : (REAL)0.5) * sum_side(i, f, f & 1, child, T_fine);
         T[6 * i + f] = t;
     }
-    REAL4 sink = (REAL4)(0);
-    if (is_leaf[i]) {
-        sink = SCALE(AT(sigma_a, i) * (h * h * h), AT(D, i));
-    } else {
-        for (int o = 0; o < 8; o++)
-            if (child[8 * i + o] >= 0) sink += absorb_fine[child[8 * i + o]];
-    }
-    absorb[i] = sink;
+    absorb[i] = is_leaf[i] ? SCALE(AT(sigma_a, i) * (h * h * h), AT(D, i))
+                           : absorb_of_children(i, n_fine, child, nbr_fine, T_fine, absorb_fine);
 }
 
 /* Weights of the prolongation: towards the outward neighbours along x, y, z, and what is left for the parent.

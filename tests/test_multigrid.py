@@ -235,6 +235,17 @@ def test_defect_correction_factor(factors, shape, resolution, medium):
     assert factors(defect_factor, shape, resolution, medium) <= 0.18
 
 
+@pytest.mark.parametrize("depth", [1.0, 5.0])
+@pytest.mark.parametrize("options", [{"refine": None}, {}], ids=["uniform", "octree"])
+@pytest.mark.parametrize("resolution", RESOLUTIONS)
+@EVERY_SHAPE
+def test_factor_where_fluence_vanishes_at_the_boundary(factors, shape, resolution, options, depth):
+    """sigma_tr h = `depth`: coarse levels must not move the boundary, or the smoothest correction is the slowest."""
+    medium = Material(sigma_a=0.0, sigma_s=depth * resolution / 20)
+    assert factors(two_point_factor, shape, resolution, medium, **options) <= 0.12
+    assert factors(defect_factor, shape, resolution, medium, **options) <= (0.18 if resolution < 128 else 0.25)
+
+
 class TenToOne:
     """D varies smoothly by ten."""
 

@@ -1,0 +1,52 @@
+/* pinning.h -- absorption of a coarse cell.
+ *
+ * A sliver that its boundary holds near zero must not hold its whole coarse cell there, as a plain sum would: that
+ * moves the boundary inwards on every level. The coarse cell takes what its children take from a field of one after
+ * two Jacobi relaxations, over that field's mean. Where the children take alike the sum is as good.
+ */
+#define ALIKE ((REAL)1.25) /* their mean over their least */
+
+/* What one relaxation leaves of a field of one in cell i. */
+REAL4 relaxed_once(const int i, __global const COND *restrict T, __global const REAL4 *restrict absorb) {
+    COND all = 0;
+    for (int f = 0; f < 6; f++) all += T[6 * i + f];
+    return all / (all + absorb[i]);
+}
+
+/* What two leave; something even in a cell without open faces, so that it can be divided by. */
+REAL4 relaxed_twice(const int i, const int n, __global const int *restrict nbr, __global const COND *restrict T,
+                    __global const REAL4 *restrict absorb) {
+    COND all = 0;
+    REAL4 sum = (REAL4)(0);
+    for (int f = 0; f < 6; f++) {
+        const int j = nbr[6 * i + f];
+        const COND t = T[6 * i + f];
+        all += t;
+        sum += j < n ? t * relaxed_once(j, T, absorb) : (REAL4)(t);
+    }
+    return fmax(sum / (all + absorb[i]), (REAL)1e-6);
+}
+
+REAL4 absorb_of_children(const int i, const int n_fine, __global const int *restrict child,
+                         __global const int *restrict nbr, __global const COND *restrict T,
+                         __global const REAL4 *restrict absorb) {
+    REAL4 least = (REAL4)(INFINITY), sum = (REAL4)(0);
+    int count = 0;
+    for (int o = 0; o < 8; o++) {
+        const int c = child[8 * i + o];
+        if (c < 0) continue;
+        least = fmin(least, absorb[c]);
+        sum += absorb[c];
+        count++;
+    }
+    if (!any(sum > ALIKE * count * least)) return sum;
+    REAL4 taken = (REAL4)(0), field = (REAL4)(0);
+    for (int o = 0; o < 8; o++) {
+        const int c = child[8 * i + o];
+        if (c < 0) continue;
+        const REAL4 x = relaxed_twice(c, n_fine, nbr, T, absorb);
+        taken += x * absorb[c];
+        field += x;
+    }
+    return taken * count / field;
+}
