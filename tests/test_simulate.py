@@ -501,6 +501,6 @@ def test_black_cavity_as_by_path_tracing(shared, scattering):
 
 
 def test_a_solve_that_stops_short_says_so():
-    with pytest.warns(clsss.ConvergenceWarning, match="stopped after .* short of the tolerance 1e-09: use double"):
-        result = simulate(sphere(subdivisions=3), MARBLE, [SUN], resolution=16, tolerance=1e-9)
+    with pytest.warns(clsss.ConvergenceWarning, match="stopped after .* short of the tolerance 1e-12: use double"):
+        result = simulate(sphere(subdivisions=3), MARBLE, [SUN], resolution=16, tolerance=1e-12)
     assert not result.report["solve"]["converged"]
