@@ -27,7 +27,7 @@ LEAST_PIECE = 8 << 20  # bytes of a triad that is timed next to a short kernel
 _TRIAD = """__kernel void triad(const int first, const int n, const REAL s, __global const REAL4 *restrict b,
                                 __global const REAL4 *restrict c, __global REAL4 *restrict a)
             { const int i = first + get_global_id(0); if (i < first + n) a[i] = b[i] + s * c[i]; }"""
-_COST = re.compile(r"// cost (\w+): ([\dRC+]+) B, (\d+) flop")
+_COST = re.compile(r"// cost (\w+): ([\dRCM+]+) B, (\d+) flop")
 
 
 @dataclass(frozen=True)
@@ -201,12 +201,13 @@ def parameters(source: str, kernel: str, defines: tuple[str, ...]) -> dict[str, 
 
 
 def declared_costs(size_of_real: int, defines: tuple[str, ...] = ()) -> dict[str, tuple[int, int]]:
-    """Bytes and flop per work-item that the ``// cost`` lines declare: R a real, C a conductance."""
-    sizes = {"R": size_of_real, "C": size_of_real * (4 if "HETEROGENEOUS" in defines else 1), "": 1}
+    """Bytes and flop per work-item of the ``// cost`` lines: R a real, C a conductance, M a medium's coefficient."""
+    varies = "HETEROGENEOUS" in defines
+    sizes = {"R": size_of_real, "C": size_of_real * (4 if varies else 1), "M": size_of_real * 4 * varies, "": 1}
     costs = {}
     for path in sorted(KERNEL_DIR.glob("*.cl")):
         for name, terms, flop in _COST.findall(path.read_text()):
-            parts = [re.fullmatch(r"(\d*)([RC]?)", term) for term in terms.split("+")]
+            parts = [re.fullmatch(r"(\d*)([RCM]?)", term) for term in terms.split("+")]
             costs[name] = (sum(int(p[1] or 1) * sizes[p[2]] for p in parts if p), int(flop))
     return costs
 

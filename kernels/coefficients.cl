@@ -23,7 +23,7 @@ COND across(const REAL area, const REAL d_i, const REAL d_j, const REAL4 D_i, co
 #endif
 }
 
-// cost finest_coefficients: 35R+28 B, 120 flop
+// cost finest_coefficients: 29R+6C+8M+28 B, 120 flop
 __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM D_coarse,
                                   MEDIUM sigma_a, __global const int *restrict nbr, __global const int *restrict parent,
                                   __global const int *restrict cut_index,
@@ -64,7 +64,7 @@ COND sum_side(const int i, const int f, const int side, __global const int *rest
     return sum;
 }
 
-// cost coarse_coefficients: 252R+260 B, 560 flop
+// cost coarse_coefficients: 174R+78C+260 B, 560 flop
 __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_coarse, MEDIUM sigma_a,
                                   __global const int *restrict nbr, __global const int *restrict parent,
                                   __global const uchar *restrict is_leaf,
@@ -90,7 +90,7 @@ __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_
 
 /* Weights of the prolongation: towards the outward neighbours along x, y, z, and what is left for the parent.
  * Linear between centres for constant D; by the resistances between them otherwise. */
-// cost interpolation_weights: 9R+36 B, 30 flop
+// cost interpolation_weights: 9C+28 B, 30 flop
 __kernel void interpolation_weights(const int n, __global const int *restrict position,
                                     __global const int *restrict nbr, __global const COND *restrict T,
                                     __global uchar4 *restrict weight) {

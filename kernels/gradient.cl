@@ -75,7 +75,7 @@ REAL4 boundary_row(const REAL4 offset, const REAL4 n, const REAL alpha_B, const 
 
 REAL component(const REAL4 v, const int c) { return c == 0 ? v.x : c == 1 ? v.y : c == 2 ? v.z : v.w; }
 
-// cost gradient_inverse: 150R+220 B, 2500 flop
+// cost gradient_inverse: 150R+1M+220 B, 2500 flop
 __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, const int4 dims, MEDIUM D,
                                __global const int *restrict block, __global const int *restrict brick,
                                __global const int *restrict position, __global const int *restrict cut_cell,
@@ -127,7 +127,7 @@ __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, 
     for (int k = 0; k < 6; k++) inverse[24 * (size_t)c + 4 * k + 3] = 0;
 }
 
-// cost gradient: 300R+220 B, 700 flop
+// cost gradient: 300R+1M+220 B, 700 flop
 __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, __global const int *restrict around,
                        __global const int *restrict cut_cell, __global const int *restrict cut_index,
                        __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
@@ -186,7 +186,7 @@ REAL4 rise_to(const int c, const int a, const int b, const REAL2 x, __global con
 /* Add to r, on cells with an irregular face, what the gradients add to the two-point fluxes:
  *     T_f (g_j . tau_j - g_i . tau_i),  and  C_B phi_i  with its clamp eased -> C_B (phi_i + g . (x_B - d n - x_i)).
  */
-// cost correct_residual: 60R+60 B, 150 flop
+// cost correct_residual: 54R+6C+1M+60 B, 150 flop
 __kernel void correct_residual(const int n, const int n_cells, const REAL h, const REAL fresnel_A, MEDIUM D,
                                __global const int *restrict irregular, __global const int *restrict nbr,
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
@@ -219,7 +219,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
 }
 
 /* phi_B = 2A (p + r_B) / (2A + d/D), r_B the source's moment between the centroid and the surface. */
-// cost boundary_value: 40R+8 B, 60 flop
+// cost boundary_value: 40R+1M+8 B, 60 flop
 __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, MEDIUM D,
                              __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,

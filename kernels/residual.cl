@@ -2,7 +2,7 @@
 #include "real.h"
 #include "conductance.h"
 
-// cost residual: 46R+24 B, 76 flop
+// cost residual: 40R+6C+24 B, 76 flop
 __kernel void residual(const int n, __global const int *restrict nbr, __global const COND *restrict T,
                        __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
                        __global const REAL4 *restrict x, __global REAL4 *restrict r) {
@@ -15,7 +15,7 @@ __kernel void residual(const int n, __global const int *restrict nbr, __global c
 }
 
 /* The same on the leaves of a coarser level: faces to covered cells are left to their fine faces (reflux). */
-// cost residual_of_leaves: 46R+31 B, 76 flop
+// cost residual_of_leaves: 40R+6C+31 B, 76 flop
 __kernel void residual_of_leaves(const int n, __global const int *restrict nbr, __global const uchar *restrict is_leaf,
                                  __global const COND *restrict T, __global const REAL4 *restrict absorb,
                                  __global const REAL4 *restrict b, __global const REAL4 *restrict x,
@@ -32,7 +32,7 @@ __kernel void residual_of_leaves(const int n, __global const int *restrict nbr, 
 }
 
 /* Add to leaves with finer neighbours what their fine faces bring: the same flux that the fine side loses. */
-// cost reflux: 40R+24 B, 64 flop
+// cost reflux: 40R+4C+28 B, 64 flop
 __kernel void reflux(const int n, const int n_fine, __global const int *restrict interface,
                      __global const int *restrict interface_start, __global const int *restrict ghost_face,
                      __global const COND *restrict T_fine, __global const REAL4 *restrict x_fine,

@@ -7,7 +7,7 @@
 #include "real.h"
 #include "conductance.h"
 
-// cost leave_residual: 46R+24 B, 76 flop
+// cost leave_residual: 40R+6C+24 B, 76 flop
 __kernel void leave_residual(const int n, __global const int *restrict nbr, __global const COND *restrict T,
                              __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
                              __global REAL4 *x) {

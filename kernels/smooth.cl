@@ -7,7 +7,7 @@
 #include "real.h"
 #include "conductance.h"
 
-// cost smooth: 42R+24 B, 56 flop
+// cost smooth: 36R+6C+24 B, 56 flop
 __kernel void smooth(const int first, const int n, __global const int *restrict nbr, __global const COND *restrict T,
                      __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
                      __global REAL4 *restrict x) {
@@ -23,7 +23,7 @@ __kernel void smooth(const int first, const int n, __global const int *restrict 
 }
 
 /* The first half of the first sweep, from zero everywhere: neighbours have nothing to give. */
-// cost smooth_from_zero: 18R B, 14 flop
+// cost smooth_from_zero: 12R+6C B, 14 flop
 __kernel void smooth_from_zero(const int first, const int n, __global const COND *restrict T,
                                __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
                                __global REAL4 *restrict x) {

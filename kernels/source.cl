@@ -56,7 +56,7 @@ REAL4 carried_along(const REAL4 F, const int cut, const REAL4 tau, const REAL4 t
 }
 
 /* Q on the finest level. */
-// cost deposit_finest: 90R+60 B, 300 flop
+// cost deposit_finest: 90R+21M+60 B, 300 flop
 __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL4 light, MEDIUM D, MEDIUM sigma_a,
                              MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_a_coarse, MEDIUM sigma_s_coarse,
                              __global const int *restrict position,
@@ -100,7 +100,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
 }
 
 /* Q on the leaves of a coarser level, but for the faces to finer cells. */
-// cost deposit_coarse: 70R+60 B, 200 flop
+// cost deposit_coarse: 70R+21M+60 B, 200 flop
 __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int depth, const REAL4 light, MEDIUM D,
                              MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_a_coarse,
                              MEDIUM sigma_s_coarse,
@@ -123,7 +123,7 @@ __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int 
 }
 
 /* The faces to finer cells: what leaves those enters here. */
-// cost deposit_interface: 70R+60 B, 200 flop
+// cost deposit_interface: 70R+15M+60 B, 200 flop
 __kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine, const REAL g, const int depth_fine,
                                 const REAL4 light, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_fine,
                                 MEDIUM sigma_a_fine, MEDIUM sigma_s_fine, __global const int *restrict interface,
@@ -147,7 +147,7 @@ __kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine
 /* First moment of the source between centroid and surface,
  *     r_B = (d/D) (-omega . n) (a (F_B - LM(F_B, F_i)) - 3 D g sigma_s LM(F_B, F_i)),
  * and the part 3 D q1 . n that the boundary condition needs (wall). */
-// cost moment: 30R+8 B, 60 flop
+// cost moment: 30R+3M+8 B, 60 flop
 __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s,
                      __global const int *restrict position, __global const int *restrict cut_cell,
                      __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
@@ -168,13 +168,13 @@ __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light,
 }
 
 /* Right-hand side in the operator's scale, b = Q, less C_B r_B at the boundary. */
-// cost right_hand_side: 8R+4 B, 4 flop
+// cost right_hand_side: 8R+1M B, 4 flop
 __kernel void right_hand_side(const int n, MEDIUM D, __global const REAL4 *restrict Q, __global REAL4 *restrict b) {
     const int i = get_global_id(0);
     if (i < n) b[i] = SCALE(Q[i], AT(D, i));
 }
 
-// cost subtract_moment: 28R+4 B, 20 flop
+// cost subtract_moment: 28R+1M+4 B, 20 flop
 __kernel void subtract_moment(const int n, const REAL h, const REAL fresnel_A, MEDIUM D,
                               __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
                               __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,

@@ -12,7 +12,7 @@ from clsss.device import KERNEL_DIR, kernel_source
 FILES = sorted(path.stem for path in KERNEL_DIR.glob("*.cl"))
 ALL_FILES = sorted(path.name for path in KERNEL_DIR.iterdir() if path.suffix in (".cl", ".h"))
 KERNEL = re.compile(r"__kernel\s+void\s+(\w+)")
-COST = re.compile(r"// cost (\w+): [\dR+]+ B, \d+ flop")
+COST = re.compile(r"// cost (\w+): [\dRCM+]+ B, \d+ flop")
 
 
 def code_of(name):
