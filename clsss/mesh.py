@@ -19,6 +19,7 @@ import numpy as np
 
 from clsss import meshfile
 from clsss.errors import InputError
+from clsss.halfedges import cross, sides
 from clsss.rays import RayCaster, contains
 from clsss.repair import Repaired, repair
 
@@ -65,8 +66,8 @@ class Mesh:
     @cached_property
     def bounds(self) -> np.ndarray:
         """Lower and upper corner (2, 3) of the solid's bounding box [mm]."""
-        corners = self.triangles.reshape(-1, 3)
-        return np.array([corners.min(axis=0), corners.max(axis=0)])
+        columns = self.triangles.reshape(-1, 3).T
+        return np.array([[x.min() for x in columns], [x.max() for x in columns]])
 
     @cached_property
     def size(self) -> float:
@@ -76,9 +77,9 @@ class Mesh:
     @cached_property
     def area_and_volume(self) -> tuple[float, float]:
         """Area [mm^2] of the surface that bounds the solid, and the volume [mm^3] in it."""
-        a, b, c = np.moveaxis(self.triangles - self.bounds.mean(axis=0), 1, 0)
-        normal = np.cross(b - a, c - a)
-        area = np.sqrt(np.einsum("ij,ij->i", normal, normal)).sum() / 2
+        a, b, c = np.moveaxis(self.triangles - self.bounds.mean(axis=0), 0, 2).copy()
+        normal = cross(b - a, c - a)
+        area = np.sqrt(np.einsum("ij,ij->j", normal, normal)).sum() / 2
         return float(area), float(abs(np.einsum("ij,ij->", a, normal)) / 6)
 
 
@@ -164,8 +165,8 @@ def _bounding_box(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[n
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(bad):
         raise InputError(f"{name}: vertex {bad[0]} has a coordinate that is not a finite number")
-    used = vertices[_used(vertices, faces)]
-    box = np.array([used.min(axis=0), used.max(axis=0)])
+    used = vertices[_used(vertices, faces)].T
+    box = np.array([[x.min() for x in used], [x.max() for x in used]])
     with np.errstate(over="ignore"):
         longest = float(np.ptp(box, axis=0).max())
     if not 1e-290 < longest < 1e290:  # scaling must not overflow
@@ -214,24 +215,24 @@ def require_volume(mesh: Mesh) -> None:
     ------
     InputError
     """
-    area, volume = mesh.area_and_volume
-    if not volume > _FLAT * area * mesh.size:
+    area, volume = mesh.area_and_volume if len(mesh.triangles) else (0.0, 0.0)
+    if not (volume > 0 and volume > _FLAT * area * mesh.size):
         raise InputError(f"{mesh.name}: its surface holds no volume; clsss needs a solid with an inside")
 
 
 def _normals(points: np.ndarray, faces: np.ndarray, used: np.ndarray, welded: np.ndarray) -> np.ndarray:
     """Vertex normals (v, 3): the sum over the faces at a position, each times its angle there."""
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    normal /= np.maximum(length, np.finfo(float).tiny)[:, None]
+    ab, bc, ca = sides(points, faces)
+    normal = cross(ca, ab)
+    length = np.sqrt(np.einsum("ij,ij->j", normal, normal))
+    normal /= np.maximum(length, np.finfo(float).tiny)
     n = int(welded.max()) + 1
     total = np.zeros((n, 3))
-    for k, (p, q, r) in enumerate(((a, b, c), (b, c, a), (c, a, b))):
-        angle = np.arctan2(length, np.einsum("ij,ij->i", q - p, r - p))
+    for k, (to, back) in enumerate(((ab, ca), (bc, ab), (ca, bc))):
+        angle = np.arctan2(length, -np.einsum("ij,ij->j", to, back))
         corner = welded[faces[:, k]]
         for axis in range(3):
-            total[:, axis] += np.bincount(corner, angle * normal[:, axis], minlength=n)
+            total[:, axis] += np.bincount(corner, angle * normal[axis], minlength=n)
     total /= np.maximum(np.linalg.norm(total, axis=1), np.finfo(float).tiny)[:, None]
     out = np.zeros_like(points)
     out[used] = total[welded[used]]

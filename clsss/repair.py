@@ -116,8 +116,9 @@ def repair(points: np.ndarray, faces: np.ndarray) -> Repaired:
             drawn = solid = drawn[:, ::-1]
     else:
         drawn, solid, centroids = _enclose(at, drawn, loose, edges, repairs)
-    solid = solid[thick(np.concatenate([at, centroids]), solid, _NOTHING)]
     turned, visible = drawn[:, 0] != corners[:, 0], thick(at, drawn, _NOTHING)
+    as_drawn = soup or not (loose.any() or len(centroids))
+    solid = solid[visible if as_drawn else thick(np.concatenate([at, centroids]), solid, _NOTHING)]
     return Repaired(
         kept[visible], turned[visible], welded, first, solid, centroids, was_closed, not soup, repairs
     )
