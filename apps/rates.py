@@ -90,7 +90,7 @@ def plain_cycles(mg: Multigrid, residual: Residual, b: Field, phi: Field, cycles
     """
     smooth, norms = mg.smooth, []
     if sweeps is not None:
-        mg.smooth = lambda k: smooth(k, sweeps)  # type: ignore[method-assign]
+        mg.smooth = lambda k, _=None, from_zero=False: smooth(k, sweeps, from_zero)  # type: ignore[method-assign]
     while len(norms) <= cycles and (len(norms) < 2 or (norms[-1] > tolerance * norms[0]).any()):
         residual(phi, b, mg.r)
         norms.append(np.sqrt(mg.inner_product(mg.r, mg.r)))

@@ -15,8 +15,20 @@ import pytest
 from clsss.errors import DeviceError
 
 ROOT = Path(__file__).parent.parent
-# docs/numerics.md, "Limits": phi nearly 0 at the boundary, V(1,1), bodies that merge on coarse levels.
-MISSED = re.compile(r"two-point part|sigma_a 0: defect|balls, gap|stack|sphere \d+: fine-grid|plate|shell 2h")
+# Bars that are missed today (docs/numerics.md, "Limits") and what --quick measures of them.
+KNOWN = {
+    "torus, sigma_a .001 sigma_tr: two-point part, V(1,1)": 0.239,
+    "torus, sigma_a 0: two-point part, V(1,1)": 0.239,
+    "shell 2h, sigma_a .001 sigma_tr: two-point part, V(1,1)": 0.256,
+    "shell 2h, sigma_a 0: two-point part, V(1,1)": 0.256,
+    "plate 1.5h, sigma_a .001 sigma_tr: defect correction": 0.201,
+    "plate 2h, sigma_a .001 sigma_tr: defect correction": 0.181,
+    "plate 2h, sigma_a 0: defect correction": 0.181,
+    "balls, gap .3h, sigma_a .001 sigma_tr: defect correction": 0.413,
+    "balls, gap .3h, sigma_a 0: defect correction": 0.413,
+    "stack 2.2h, sigma_a .001 sigma_tr: defect correction": 0.755,
+    "stack 2.2h, sigma_a 0: defect correction": 0.755,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -63,5 +75,6 @@ def test_a_hollow_ball_is_closer_to_monte_carlo_than_the_dipole(tmp_path):
 def test_every_bar_is_met_but_for_the_known():
     _, rows = convergence()
     assert len(rows) > 100
-    missed = [name for name, (_, verdict) in rows.items() if verdict == "FAIL"]
-    assert not [name for name in missed if not MISSED.search(name)]
+    missed = {name: value for name, (value, verdict) in rows.items() if verdict == "FAIL"}
+    assert {name: value for name, value in missed.items() if value > KNOWN.get(name, -1) + 0.002} == {}
+    assert KNOWN.keys() <= rows.keys()
