@@ -74,13 +74,13 @@ def factors(bench: Bench) -> Iterator[Row]:
             if round_shape:
                 single = rate(mg, TwoPoint(bench.device, mg.op), sweeps=1)
                 yield Row(f"{label}: two-point part, V(1,1)", single.max(), 0.23)
-            bar = {"balls, gap .3h": 0.40, "stack 2.2h": 0.70}.get(name, 0.18)
+            bar = 0.40 if name.startswith("balls") else 0.18
             if name == "plate 1.5h" and absorbed == 0:
                 bar = 0.22
-            yield Row(f"{label}: defect correction", whole.max(), None if name == "balls, gap 1h" else bar)
+            yield Row(f"{label}: defect correction", whole.max(), bar)
         plain, accelerated = cycles_needed(mg)
         yield Row(f"{label}: plain cycles to 1e-8", len(plain) - 1)
-        yield Row(f"{label}: cycles of solve() to 1e-8", len(accelerated) - 1, 20 if name == "stack 2.2h" else 15)
+        yield Row(f"{label}: cycles of solve() to 1e-8", len(accelerated) - 1, 15)
         bench.curves.setdefault("rates", {})[name] = (of_two_point, whole)
         bench.curves.setdefault("histories", {})[name] = (plain, accelerated)
 

@@ -30,7 +30,7 @@ if not KERNEL_DIR.is_dir():
 TOGETHER = (
     ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
      "exchange", "surface"),
-    ("coefficients", "gradient", "smooth", "residual", "restrict", "source", "attenuate"),
+    ("coefficients", "gradient", "smooth", "residual", "restrict", "junction", "source", "attenuate"),
 )  # fmt: skip
 ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
 

@@ -69,6 +69,8 @@ class Operator:
         Absorption and exitance per fluence, in the same scale.
     weight : list of (n, 4) uint8, device
         Weights of the prolongation to each level but the coarsest (weight.h).
+    share : list of (m,) real, or (m, 4), device
+        Shares of `Level.junction_cell` in the transmissibility of their junction's face.
     irregular : (m,) int32, device
         Finest cells with a face whose flux has second-order terms.
     inverse : (n_cut, 6, 4) real, device
@@ -84,6 +86,7 @@ class Operator:
     T: list[Buffer]
     absorb: list[Buffer]
     weight: list[Buffer | None]
+    share: list[Buffer]
     irregular: Buffer
     inverse: Buffer
     around: Buffer
@@ -162,7 +165,7 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     for k in range(len(T) - 2, -1, -1):
         level = octree.levels[k]
         device.run(kernel, level.n, level.n, level.h, medium.D[k], medium.D[max(k - 1, 0)], medium.sigma_a[k],
-                   level.nbr, level.parent, level.is_leaf, level.child, octree.levels[k + 1].n,
+                   level.nbr, level.parent, level.is_leaf, level.child, level.chain, octree.levels[k + 1].n,
                    octree.levels[k + 1].nbr, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
     kernel = device.kernel("coefficients", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
@@ -174,8 +177,22 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     device.run(kernel, cut.n, cut.n, finest.h, A, octree.grid.dims, medium.D[-1], octree.block, octree.brick,
                finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
                inverse, around)  # fmt: skip
-    slope = device.empty((cut.n, 3, CHANNELS))
-    return Operator(octree, medium, T, absorb, weight, _irregular(device, octree), inverse, around, slope)
+    return Operator(octree, medium, T, absorb, weight, _shares(device, octree, medium, T), _irregular(device, octree),
+                    inverse, around, device.empty((cut.n, 3, CHANNELS)))  # fmt: skip
+
+
+def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer]) -> list[Buffer]:
+    """Shares of the cells behind junctions, level by level from the finest."""
+    levels = octree.levels
+    share = [device.empty((level.junction_cell.shape[0], *T[0].shape[2:])) for level in levels]
+    kernel = device.kernel("junction", "junction_shares", *medium.defines)
+    for k in range(len(levels) - 2, -1, -1):
+        level, fine = levels[k], levels[k + 1]
+        m = level.junction_face.shape[0]
+        device.run(kernel, m, m, level.junction_face, level.junction_start, level.junction_cell, level.child,
+                   level.chain, fine.n + fine.n_ghost, fine.nbr, fine.parent, T[k + 1], fine.junction_start,
+                   fine.junction_cell, share[k + 1], share[k])  # fmt: skip
+    return share
 
 
 def _irregular(device: Device, octree: Octree) -> Buffer:

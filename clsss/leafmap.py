@@ -8,37 +8,33 @@ from clsss.cutcell import Grid
 from clsss.device import Buffer, Device
 
 
-def leaf_map(grid: Grid, cells: list[np.ndarray], leaf: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The two-level map of leaf codes (tree.h)."""
+def empty_map(grid: Grid, cells: list[np.ndarray], leaf: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The two-level map (tree.h), without codes: `cells` (n, 3) of each level, coarsest first, and which are leaves."""
     bz, by, bx = grid.blocks
-    block = np.full((bz, by, bx), -1, np.int32)
-    n_levels = len(cells)
-    small, codes = [], []
-    for level in range(n_levels):
-        depth = n_levels - 1 - level
-        where = np.flatnonzero(leaf[level])
-        ijk, code = cells[level][where], (where * 16 + depth).astype(np.int32)
-        if depth >= 3:
-            width = 1 << (depth - 3)
-            for dz, dy, dx in np.ndindex(width, width, width):
-                x, y, z = (ijk * width + [dx, dy, dz]).T
-                ok = (x < bx) & (y < by) & (z < bz)
-                block[z[ok], y[ok], x[ok]] = -2 - code[ok]
-        else:
-            small.append((ijk << depth, depth))
-            codes.append(code)
     mark = np.zeros((bz, by, bx), bool)
-    for ijk, _ in small:
-        x, y, z = (ijk >> 3).T
+    for depth, (ijk, is_leaf) in enumerate(zip(cells[:-4:-1], leaf[:-4:-1], strict=True)):
+        x, y, z = (ijk[is_leaf] << depth >> 3).T
         mark[z, y, x] = True
+    block = np.full((bz, by, bx), -1, np.int32)
     block[mark] = np.arange(int(mark.sum()), dtype=np.int32)
-    brick = np.full(512 * max(1, int(mark.sum())), -1, np.int32)
-    for (ijk, depth), code in zip(small, codes, strict=True):
-        x, y, z = ijk.T
-        base = block[z >> 3, y >> 3, x >> 3] * 512 + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)
-        for dz, dy, dx in np.ndindex(1 << depth, 1 << depth, 1 << depth):
-            brick[base + (dz * 8 + dy) * 8 + dx] = code
-    return block.ravel(), brick
+    return block, np.full(512 * max(1, int(mark.sum())), -1, np.int32)
+
+
+def write_leaves(block: np.ndarray, brick: np.ndarray, depth: int, ijk: np.ndarray, leaf: np.ndarray) -> None:
+    """Enter the codes of the leaves of one level."""
+    where = np.flatnonzero(leaf)
+    ijk, code = ijk[where], (where * 16 + depth).astype(np.int32)
+    if depth >= 3:
+        width = 1 << (depth - 3)
+        for dz, dy, dx in np.ndindex(width, width, width):
+            x, y, z = (ijk * width + [dx, dy, dz]).T
+            ok = (x < block.shape[2]) & (y < block.shape[1]) & (z < block.shape[0])
+            block[z[ok], y[ok], x[ok]] = -2 - code[ok]
+        return
+    x, y, z = (ijk << depth).T
+    base = block[z >> 3, y >> 3, x >> 3] * 512 + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)
+    for dz, dy, dx in np.ndindex(1 << depth, 1 << depth, 1 << depth):
+        brick[base + (dz * 8 + dy) * 8 + dx] = code
 
 
 def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> Buffer:

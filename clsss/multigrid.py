@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -76,6 +77,8 @@ class Multigrid:
         self.e, self.r = Field(device, op.octree), Field(device, op.octree)
         self._smooth, self._from_zero = (device.kernel("smooth", name, *d) for name in ("smooth", "smooth_from_zero"))
         self._leave_residual = device.kernel("restrict", "leave_residual", *d)
+        self._smooth_beyond = device.kernel("junction", "smooth_with_junctions", *d)
+        self._leave_beyond = device.kernel("junction", "leave_residual_with_junctions", *d)
         self._restrict = device.kernel("restrict", "restrict_residual", *d)
         self._reflux = device.kernel("residual", "reflux", *d)
         self._ghosts = device.kernel("prolong", "copy_ghosts")
@@ -88,17 +91,20 @@ class Multigrid:
         self._take_residual: Callable[[], None] | None = None
 
     def _invert_coarsest(self) -> Buffer:
-        level = self.op.octree.levels[0]
+        level, op = self.op.octree.levels[0], self.op
         n, nbr = level.n, level.nbr.get()
-        T = self.op.T[0].get().astype(float).reshape(n, 6, -1) * np.ones(CHANNELS)
-        absorb = self.op.absorb[0].get().astype(float)
+        T = op.T[0].get().astype(float).reshape(n, 6, -1)
+        start, beyond = level.junction_start.get(), level.junction_cell.get()
+        row, face = np.divmod(np.repeat(level.junction_face.get(), np.diff(start)), 6)
+        plain = np.nonzero(nbr < n)
+        i, j = np.concatenate([plain[0], row]), np.concatenate([nbr[plain], beyond])
+        T_ij = np.concatenate([T[plain], T[row, face] * op.share[0].get().reshape(len(beyond), T.shape[2])])
+        total = op.absorb[0].get().astype(float) + T.sum(axis=1)
+        T_ij = T_ij * np.ones(CHANNELS)
         inverse = np.empty((n, n, CHANNELS))
-        rows = np.arange(n)
         for channel in range(CHANNELS):
-            A = np.zeros((n, n))
-            A[rows, rows] = absorb[:, channel] + T[:, :, channel].sum(axis=1)
-            for face in range(6):
-                A[rows, nbr[:, face]] -= T[:, face, channel]
+            A = np.diag(total[:, channel])
+            np.subtract.at(A, (i, j), T_ij[:, channel])
             inverse[:, :, channel] = np.linalg.inv(A)
         return self.device.array(inverse)
 
@@ -107,14 +113,30 @@ class Multigrid:
         level = self.op.octree.levels[k]
         sweeps = sweeps or (SWEEPS if k == len(self.e) - 1 else COARSE_SWEEPS)
         red, black, end = level.colour_start
+        smooth, junctions = self._with_junctions(k, self._smooth, self._smooth_beyond)
         for sweep in range(sweeps):
             for first, n in ((red, black - red), (black, end - black)):
                 if from_zero and not sweep and first == red:
                     self.device.run(self._from_zero, n, first, n, self.op.T[k], self.op.absorb[k], self.r[k],
                                     self.e[k])  # fmt: skip
                 else:
-                    self.device.run(self._smooth, n, first, n, level.nbr, self.op.T[k], self.op.absorb[k], self.r[k],
-                                    self.e[k])  # fmt: skip
+                    self.device.run(smooth, n, first, n, level.nbr, self.op.T[k], self.op.absorb[k], self.r[k],
+                                    *junctions, self.e[k])  # fmt: skip
+
+    def _with_junctions(self, k: int, plain: Any, other: Any) -> tuple[Any, tuple[Any, ...]]:
+        """The kernel for level `k`, and what it needs to know of junctions there."""
+        level = self.op.octree.levels[k]
+        if not level.junction_cell.shape[0]:
+            return plain, ()
+        return other, (level.n + level.n_ghost, level.junction_start, level.junction_cell, self.op.share[k])
+
+    def restrict(self, k: int) -> None:
+        """What level `k` leaves becomes the right-hand side of level `k` - 1, and stands in the place of red values."""
+        run, op, fine, coarse = self.device.run, self.op, self.op.octree.levels[k], self.op.octree.levels[k - 1]
+        red = fine.colour_start[1]
+        leave, junctions = self._with_junctions(k, self._leave_residual, self._leave_beyond)
+        run(leave, red, red, fine.nbr, op.T[k], op.absorb[k], self.r[k], *junctions, self.e[k])
+        run(self._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, coarse.chain, self.e[k], self.r[k - 1])
 
     def v_cycle(self, k: int) -> None:
         """One V-cycle from level `k` down: `e` approximates the correction for the right-hand sides `r`."""
@@ -130,8 +152,7 @@ class Multigrid:
         m = coarse.interface.shape[0]
         run(self._reflux, m, m, fine.n, coarse.interface, coarse.interface_start, fine.ghost_face, op.T[k],
             self.e[k], self.r[k - 1])  # fmt: skip
-        run(self._leave_residual, black, black, fine.nbr, op.T[k], op.absorb[k], self.r[k], self.e[k])
-        run(self._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, self.e[k], self.r[k - 1])
+        self.restrict(k)
         self.v_cycle(k - 1)
         run(self._ghosts, fine.n_ghost, fine.n_ghost, fine.n, fine.parent, self.e[k - 1], self.e[k])
         # red cells are overwritten next

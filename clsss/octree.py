@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from clsss.coarsening import STEP, Cells, coarsen, finest_cells, first_children
 from clsss.cutcell import CutCells, Grid, Samples, cut_moments
 from clsss.device import Buffer, Device
-from clsss.leafmap import clearance_map, leaf_map
+from clsss.leafmap import clearance_map, empty_map, write_leaves
 from clsss.refinement import Refine, pool, split_masks, spread
 
 
@@ -39,11 +40,14 @@ class Level:
     colour_start : (3,) int
         First red, first black, end.
     nbr : (n, 6) int32, device
-        Neighbours -x +x -y +y -z +z: a cell, n + ghost, or the cell itself where there is none.
-    parent : (n + n_ghost,) int32, device
-        The next coarser level's cell that contains the cell, or that the ghost stands for.
+        Neighbours -x +x -y +y -z +z: a cell, n + ghost, n + n_ghost + junction, or the cell itself where there is
+        none or the face is closed.
+    parent : (n + n_ghost + n_junction,) int32, device
+        The next coarser level's cell that contains the cell (of a junction its first), or that the ghost stands for.
     child : (n, 8) int32, device
-        Finer cells, x fastest; -1: none. (Not on the finest level.)
+        Finer cells, x fastest; -1: none; else the first of several (child.h). (Not on the finest level.)
+    chain : (m, 2) int32, device
+        Finer cells that share an octant: one, and the next.
     is_leaf : (n,) uint8, device
     ghost_face : (n_ghost,) int32, device
         6 cell + face, for each ghost.
@@ -51,6 +55,11 @@ class Level:
         Leaves with finer neighbours.
     interface_start : (m + 1,) int32, device
         First of each one's ghosts among those of the next finer level.
+    junction_face : (n_junction,) int32, device
+        6 cell + face, of each face with several cells of this level beyond (coarsening.py).
+    junction_start : (n_junction + 1,) int32, device
+        First of each one's cells in `junction_cell`.
+    junction_cell : int32, device
     """
 
     h: float
@@ -61,12 +70,16 @@ class Level:
     nbr: Buffer
     parent: Buffer | None
     child: Buffer | None
+    chain: Buffer
     is_leaf: Buffer
     position: Buffer
     n_ghost: int
     ghost_face: Buffer
     interface: Buffer
     interface_start: Buffer
+    junction_face: Buffer
+    junction_start: Buffer
+    junction_cell: Buffer
 
     @property
     def n(self) -> int:
@@ -147,35 +160,20 @@ def _ordered(mask: np.ndarray) -> tuple[np.ndarray, tuple[int, int, int]]:
     return np.concatenate([ijk[~black], ijk[black]]), (0, n_red, len(ijk))
 
 
-def _index_map(shape: tuple[int, ...], ijk: np.ndarray) -> np.ndarray:
-    """Dense map from position to index, padded by one cell of -1 on every side."""
-    out = np.full([n + 2 for n in shape], -1, np.int32)
-    out[ijk[:, 2] + 1, ijk[:, 1] + 1, ijk[:, 0] + 1] = np.arange(len(ijk), dtype=np.int32)
-    return out
+def _find_coarser(cells: Cells, coarser: Cells) -> None:
+    """Set missing neighbours to -2 - index where a leaf of the next coarser level is there."""
+    assert coarser.index is not None
+    leaves = np.where(np.append(coarser.leaf, False)[coarser.index], coarser.index, -1)
+    for face, step in enumerate(STEP):
+        lost = np.flatnonzero(cells.nbr[:, face] < 0)
+        x, y, z = ((cells.ijk[lost] + step) // 2).T + 1
+        cells.nbr[lost, face] = np.where(leaves[z, y, x] >= 0, -2 - leaves[z, y, x], -1)
 
 
-_STEP = [(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)]
-
-
-def _coarse_neighbours(ijk: np.ndarray, own: np.ndarray, coarser: np.ndarray | None) -> np.ndarray:
-    """Neighbours of cells of one level as in octree.cl, by dense maps of it and of the next coarser one's leaves."""
-    nbr = np.empty((len(ijk), 6), np.int32)
-    for face, step in enumerate(_STEP):
-        x, y, z = (ijk + step + 1).T
-        nbr[:, face] = own[z, y, x]
-        if coarser is not None:
-            lost = np.flatnonzero(nbr[:, face] < 0)
-            x, y, z = ((ijk[lost] + step) // 2).T + 1
-            nbr[lost, face] = np.where(coarser[z, y, x] >= 0, -2 - coarser[z, y, x], -1)
-    return nbr
-
-
-def _make_level(device: Device, grid: Grid, depth: int, ijk: np.ndarray, leaf: np.ndarray,
-                colour_start: tuple[int, int, int], nbr: np.ndarray, parent: np.ndarray | None,
-                child: np.ndarray | None) -> tuple[Level, np.ndarray]:  # fmt: skip
-    """Number the ghosts by the coarse cell they stand for; the level, and those cells."""
-    n = len(ijk)
-    flat = nbr.ravel()
+def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np.ndarray | None,
+                finer: tuple[Cells, np.ndarray] | None) -> tuple[Level, np.ndarray]:  # fmt: skip
+    """Number the ghosts by the coarse cell they stand for, then the junctions; the level, and the ghosts' cells."""
+    n, flat = len(cells.ijk), cells.nbr.ravel()
     face = np.flatnonzero(flat < -1)
     source = -2 - flat[face]
     order = np.argsort(source, kind="stable")
@@ -183,13 +181,40 @@ def _make_level(device: Device, grid: Grid, depth: int, ijk: np.ndarray, leaf: n
     flat[face] = n + np.arange(len(face), dtype=np.int32)
     none = np.flatnonzero(flat == -1)
     flat[none] = none // 6
-    to_parent = None if parent is None else device.array(np.concatenate([parent, source]).astype(np.int32))
-    position = np.concatenate([ijk, np.zeros((n, 1), np.int32)], axis=1)
-    level = Level(grid.h * 2**depth, depth, ijk, leaf, colour_start, device.array(nbr), to_parent,
-                  None if child is None else device.array(child), device.array(leaf.astype(np.uint8)),
-                  device.array(position), len(face), device.array(face),
-                  device.empty(0, np.int32), device.empty(0, np.int32))  # fmt: skip
+    slot, first = np.unique(cells.more[:, :2] @ np.array([6, 1]), return_index=True)
+    beyond = np.insert(cells.more[:, 2], first, flat[slot])
+    start = np.append(first + np.arange(len(slot)), len(beyond)).astype(np.int32)
+    to_parent = None
+    if parent is not None:
+        to_parent = device.array(np.concatenate([parent, source, parent[flat[slot]]]).astype(np.int32))
+    flat[slot] = n + len(face) + np.arange(len(slot), dtype=np.int32)
+    child, chain = first_children(*finer, n) if finer else (None, np.empty((0, 2), np.int32))
+    position = np.concatenate([cells.ijk, np.zeros((n, 1), np.int32)], axis=1)
+    level = Level(grid.h * 2**depth, depth, cells.ijk, cells.leaf, cells.colour_start, device.array(cells.nbr),
+                  to_parent, None if child is None else device.array(child), device.array(chain),
+                  device.array(cells.leaf.astype(np.uint8)), device.array(position), len(face), device.array(face),
+                  device.empty(0, np.int32), device.empty(0, np.int32), device.array(slot.astype(np.int32)),
+                  device.array(start), device.array(beyond.astype(np.int32)))  # fmt: skip
     return level, source
+
+
+def _make_levels(device: Device, grid: Grid, cells: list[Cells], parents: list[np.ndarray]) -> tuple[Level, ...]:
+    """Levels from coarsest to finest; `parents` of all but the coarsest."""
+    levels: list[Level] = []
+    sources: list[np.ndarray] = []
+    for number, level_cells in enumerate(cells):
+        finer = (cells[number + 1], parents[number]) if number + 1 < len(cells) else None
+        level, source = _make_level(device, grid, len(cells) - 1 - number, level_cells,
+                                    parents[number - 1] if number else None, finer)  # fmt: skip
+        levels.append(level)
+        sources.append(source)
+    for number, source in enumerate(sources[1:]):
+        interface, first = np.unique(source, return_index=True)
+        start = np.concatenate([first, [len(source)]]).astype(np.int32)
+        levels[number] = replace(
+            levels[number], interface=device.array(interface.astype(np.int32)), interface_start=device.array(start)
+        )
+    return tuple(levels)
 
 
 def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = None) -> Octree:
@@ -217,47 +242,32 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
         has.insert(0, pool(has[0]))
     split = split_masks(grid, has, is_cut, refine) if refine else [mask.copy() for mask in has[:-1]]
     exists = [has[0]] + [h & spread(s, h.shape) for h, s in zip(has[1:], split, strict=True)]
-    cells, colour_start = zip(*[_ordered(mask) for mask in exists], strict=True)
-    leaf = [~s[c[:, 2], c[:, 1], c[:, 0]] for s, c in zip(split, cells[:-1], strict=True)]
-    leaf.append(np.ones(len(cells[-1]), bool))
-    block, brick = leaf_map(grid, list(cells), leaf)
-    block_buffer, brick_buffer = device.array(block), device.array(brick)
-    levels: list[Level] = []
-    sources: list[np.ndarray] = []
-    coarser_map: np.ndarray | None = None
-    coarser_leaves: np.ndarray | None = None
-    for depth, ijk in zip(range(len(cells) - 1, -1, -1), cells, strict=True):
-        n, number = len(ijk), len(levels)
-        parent = None
-        if coarser_map is not None:
-            x, y, z = (ijk >> 1).T + 1
-            parent = coarser_map[z, y, x]
-        if depth == 0:
-            packed, nbr_buffer = device.array(ijk), device.empty((n, 6), np.int32)
-            kernel = device.kernel("octree", "neighbours")
-            device.run(kernel, n, n, grid.dims, block_buffer, brick_buffer, packed, nbr_buffer)
-            nbr, child = nbr_buffer.get(), None
-        else:
-            own_map = _index_map(has[number].shape, ijk)
-            nbr = _coarse_neighbours(ijk, own_map, coarser_leaves)
-            finer, coarser_map = cells[number + 1], own_map
-            coarser_leaves = np.where(np.append(leaf[number], False)[own_map], own_map, -1)
-            x, y, z = (finer >> 1).T + 1
-            child = np.full((n, 8), -1, np.int32)
-            octant = (finer & 1) @ np.array([1, 2, 4])
-            child[own_map[z, y, x], octant] = np.arange(len(finer), dtype=np.int32)
-        level, source = _make_level(device, grid, depth, ijk, leaf[number], colour_start[number], nbr, parent, child)
-        levels.append(level)
-        sources.append(source)
-    for number, source in enumerate(sources[1:]):
-        interface, first = np.unique(source, return_index=True)
-        start = np.concatenate([first, [len(source)]]).astype(np.int32)
-        levels[number] = replace(
-            levels[number], interface=device.array(interface.astype(np.int32)), interface_start=device.array(start)
+    positions, colour_start = zip(*[_ordered(mask) for mask in exists], strict=True)
+    leaf = [~s[c[:, 2], c[:, 1], c[:, 0]] for s, c in zip(split, positions[:-1], strict=True)]
+    leaf.append(np.ones(len(positions[-1]), bool))
+    block, brick = empty_map(grid, positions, leaf)
+    write_leaves(block, brick, 0, positions[-1], leaf[-1])
+    block_buffer, brick_buffer = device.array(block.ravel()), device.array(brick)
+    n = len(positions[-1])
+    nbr = device.empty((n, 6), np.int32)
+    device.run(device.kernel("octree", "neighbours"), n, n, grid.dims, block_buffer, brick_buffer,
+               device.array(positions[-1]), nbr)  # fmt: skip
+    cut, cut_index = _cut_cells(device, samples, cut_rows, positions[-1], grid, block.ravel(), brick)
+    cells = [finest_cells(positions[-1], colour_start[-1], nbr.get(), cut.cell.get(), cut.aperture.get())]
+    parents: list[np.ndarray] = []
+    for number in range(len(positions) - 2, -1, -1):
+        coarse, parent = coarsen(
+            cells[0], has[number].shape, positions[number], leaf[number], colour_start[number][1], number == 0
         )
-    cut, cut_index = _cut_cells(device, samples, cut_rows, cells[-1], grid, block, brick)
+        _find_coarser(cells[0], coarse)
+        write_leaves(block, brick, len(positions) - 1 - number, coarse.ijk, coarse.leaf)
+        cells.insert(0, coarse)
+        parents.insert(0, parent)
+    block_buffer.set(block.ravel())
+    brick_buffer.set(brick)
+    levels = _make_levels(device, grid, cells, parents)
     clearance = clearance_map(device, grid, solid, is_cut)
-    return Octree(grid, tuple(levels), cut, cut_index, block_buffer, brick_buffer, clearance)
+    return Octree(grid, levels, cut, cut_index, block_buffer, brick_buffer, clearance)
 
 
 def _cut_cells(device: Device, samples: Samples, rows: np.ndarray, ijk: np.ndarray, grid: Grid, block: np.ndarray,

@@ -12,6 +12,7 @@
 #include "real.h"
 #include "face.h"
 #include "conductance.h"
+#include "child.h"
 #include "pinning.h"
 #include "weight.h"
 
@@ -54,13 +55,13 @@ __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_
     absorb[i] = SCALE(sink, AT(D, i));
 }
 
-/* Sum over the four children of cell i on side f. */
-COND sum_side(const int i, const int f, const int side, __global const int *restrict child, __global const COND *restrict T) {
+/* Sum over the children of cell i on side f. */
+COND sum_side(const int i, const int f, const int side, __global const int *restrict child,
+              __global const int *restrict chain, __global const COND *restrict T) {
     COND sum = 0;
-    for (int o = 0; o < 8; o++) {
-        const int c = child[8 * i + o];
-        if (((o >> (f >> 1)) & 1) == side && c >= 0) sum += T[6 * c + f];
-    }
+    for (int o = 0; o < 8; o++)
+        if (((o >> (f >> 1)) & 1) == side)
+            for (int next = child[8 * i + o]; next != -1;) sum += T[6 * take_child(&next, chain) + f];
     return sum;
 }
 
@@ -68,8 +69,9 @@ COND sum_side(const int i, const int f, const int side, __global const int *rest
 __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_coarse, MEDIUM sigma_a,
                                   __global const int *restrict nbr, __global const int *restrict parent,
                                   __global const uchar *restrict is_leaf,
-                                  __global const int *restrict child, const int n_fine,
-                                  __global const int *restrict nbr_fine, __global const COND *restrict T_fine,
+                                  __global const int *restrict child, __global const int *restrict chain,
+                                  const int n_fine, __global const int *restrict nbr_fine,
+                                  __global const COND *restrict T_fine,
                                   __global const REAL4 *restrict absorb_fine, __global COND *restrict T,
                                   __global REAL4 *restrict absorb) {
     const int i = get_global_id(0);
@@ -78,14 +80,14 @@ __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_
         const int j = nbr[6 * i + f];
         COND t = 0;
         if (j == i) t = 0;
-        else if (j >= n) t = across(h * h, h / 2, h, AT(D, i), AT(D_coarse, parent[j]));
+        else if (j >= n && is_leaf[i]) t = across(h * h, h / 2, h, AT(D, i), AT(D_coarse, parent[j]));
         else if (is_leaf[i] && is_leaf[j]) t = across(h * h, h / 2, h / 2, AT(D, i), AT(D, j));
-        else if (is_leaf[i]) t = TO_LEAF * sum_side(j, f ^ 1, !(f & 1), child, T_fine);
-        else t = (is_leaf[j] ? TO_LEAF : (REAL)0.5) * sum_side(i, f, f & 1, child, T_fine);
+        else if (is_leaf[i]) t = TO_LEAF * sum_side(j, f ^ 1, !(f & 1), child, chain, T_fine);
+        else t = (j < n && is_leaf[j] ? TO_LEAF : (REAL)0.5) * sum_side(i, f, f & 1, child, chain, T_fine);
         T[6 * i + f] = t;
     }
     absorb[i] = is_leaf[i] ? SCALE(AT(sigma_a, i) * (h * h * h), AT(D, i))
-                           : absorb_of_children(i, n_fine, child, nbr_fine, T_fine, absorb_fine);
+                           : absorb_of_children(i, n_fine, child, chain, nbr_fine, T_fine, absorb_fine);
 }
 
 /* Weights of the prolongation: towards the outward neighbours along x, y, z, and what is left for the parent.

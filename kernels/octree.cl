@@ -2,8 +2,7 @@
 #include "real.h"
 #include "tree.h"
 
-/* nbr: the index of the neighbour of the same size; -2 - index where the neighbour is a cell twice as wide;
- * -1 where there is none. */
+/* nbr: the index of the neighbour of the same size; -1 where there is none. */
 // cost neighbours: 36+24 B, 60 flop
 __kernel void neighbours(const int n, const int4 dims, __global const int *restrict block,
                          __global const int *restrict brick, __global const int *restrict ijk,
@@ -15,7 +14,6 @@ __kernel void neighbours(const int n, const int4 dims, __global const int *restr
         const int step = 2 * (f & 1) - 1;
         const int code = leaf_code(dims, block, brick, x + (f < 2 ? step : 0), y + (f >> 1 == 1 ? step : 0),
                                    z + (f > 3 ? step : 0));
-        const int index = code >> 4, depth = code & 15;
-        nbr[6 * i + f] = code == -1 ? -1 : depth == 0 ? index : -2 - index;
+        nbr[6 * i + f] = code == -1 ? -1 : code >> 4;
     }
 }

@@ -13,7 +13,7 @@ REAL4 relaxed_once(const int i, __global const COND *restrict T, __global const 
     return all / (all + absorb[i]);
 }
 
-/* What two leave; something even in a cell without open faces, so that it can be divided by. */
+/* What two leave, behind ghosts and junctions one; something even in a cell without open faces, to divide by. */
 REAL4 relaxed_twice(const int i, const int n, __global const int *restrict nbr, __global const COND *restrict T,
                     __global const REAL4 *restrict absorb) {
     COND all = 0;
@@ -28,25 +28,24 @@ REAL4 relaxed_twice(const int i, const int n, __global const int *restrict nbr, 
 }
 
 REAL4 absorb_of_children(const int i, const int n_fine, __global const int *restrict child,
-                         __global const int *restrict nbr, __global const COND *restrict T,
-                         __global const REAL4 *restrict absorb) {
+                         __global const int *restrict chain, __global const int *restrict nbr,
+                         __global const COND *restrict T, __global const REAL4 *restrict absorb) {
     REAL4 least = (REAL4)(INFINITY), sum = (REAL4)(0);
     int count = 0;
-    for (int o = 0; o < 8; o++) {
-        const int c = child[8 * i + o];
-        if (c < 0) continue;
-        least = fmin(least, absorb[c]);
-        sum += absorb[c];
-        count++;
-    }
+    for (int o = 0; o < 8; o++)
+        for (int next = child[8 * i + o]; next != -1; count++) {
+            const REAL4 own = absorb[take_child(&next, chain)];
+            least = fmin(least, own);
+            sum += own;
+        }
     if (!any(sum > ALIKE * count * least)) return sum;
     REAL4 taken = (REAL4)(0), field = (REAL4)(0);
-    for (int o = 0; o < 8; o++) {
-        const int c = child[8 * i + o];
-        if (c < 0) continue;
-        const REAL4 x = relaxed_twice(c, n_fine, nbr, T, absorb);
-        taken += x * absorb[c];
-        field += x;
-    }
+    for (int o = 0; o < 8; o++)
+        for (int next = child[8 * i + o]; next != -1;) {
+            const int c = take_child(&next, chain);
+            const REAL4 x = relaxed_twice(c, n_fine, nbr, T, absorb);
+            taken += x * absorb[c];
+            field += x;
+        }
     return taken * count / field;
 }

@@ -22,13 +22,17 @@ __kernel void residual_of_leaves(const int n, __global const int *restrict nbr, 
                                  __global REAL4 *restrict r) {
     const int i = get_global_id(0);
     if (i >= n) return;
+    if (!is_leaf[i]) {
+        r[i] = (REAL4)(0);
+        return;
+    }
     const REAL4 own = x[i];
     REAL4 sum = b[i] - absorb[i] * own;
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
         if (j >= n || is_leaf[j]) sum += T[6 * i + f] * (x[j] - own);
     }
-    r[i] = is_leaf[i] ? sum : (REAL4)(0);
+    r[i] = sum;
 }
 
 /* Add to leaves with finer neighbours what their fine faces bring: the same flux that the fine side loses. */

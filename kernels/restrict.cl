@@ -6,6 +6,7 @@
  */
 #include "real.h"
 #include "conductance.h"
+#include "child.h"
 
 // cost leave_residual: 40R+6C+24 B, 76 flop
 __kernel void leave_residual(const int n, __global const int *restrict nbr, __global const COND *restrict T,
@@ -21,15 +22,14 @@ __kernel void leave_residual(const int n, __global const int *restrict nbr, __gl
 
 // cost restrict_residual: 20R+33 B, 12 flop
 __kernel void restrict_residual(const int n, __global const uchar *restrict is_leaf, __global const int *restrict child,
-                                __global const REAL4 *restrict residual, __global REAL4 *restrict b_coarse) {
+                                __global const int *restrict chain, __global const REAL4 *restrict residual,
+                                __global REAL4 *restrict b_coarse) {
     const int c = get_global_id(0);
     if (c >= n || is_leaf[c]) return;
     const int red[4] = {0, 3, 5, 6};
     REAL4 sum = (REAL4)(0);
-    for (int o = 0; o < 4; o++) {
-        const int i = child[8 * c + red[o]];
-        if (i >= 0) sum += residual[i];
-    }
+    for (int o = 0; o < 4; o++)
+        for (int next = child[8 * c + red[o]]; next != -1;) sum += residual[take_child(&next, chain)];
     b_coarse[c] = sum;
 }
 

@@ -58,6 +58,27 @@ def hollow_sphere(radius: float = 10.0, cavity: float = 5.0) -> Mesh:
     return solid(np.concatenate([sphere_triangles(radius), sphere_triangles(cavity)[:, ::-1]]))
 
 
+def pulley(gap: float = 0.8) -> Mesh:
+    """A wheel with a groove that is narrow and deep: one body whose parts nearly touch."""
+    rim = np.array([(3, -1.5), (9, -1.5), (9, -gap / 2), (5, -gap / 2), (5, gap / 2), (9, gap / 2), (9, 1.5), (3, 1.5)])
+    wheel = trimesh.creation.revolve(np.append(rim, rim[:1], axis=0), sections=96)
+    return solid(wheel.triangles @ ROTATION.T)
+
+
+def stack(width: float = 20.0, thickness: float = 1.0, plates: int = 4) -> Mesh:
+    """Plates, tilted against the grid, as far apart as they are thick."""
+    heights = 2 * thickness * np.arange(plates)
+    parts = [box_triangles((width, width, thickness), ROTATION @ (0, 0, z), ROTATION) for z in heights]
+    return solid(np.concatenate(parts))
+
+
+def two_spheres(gap: float, radius: float = 5.0) -> Mesh:
+    """Two balls that nearly touch."""
+    axis = np.array([1.0, 0.3, 0.2]) / np.linalg.norm([1.0, 0.3, 0.2])
+    parts = [sphere_triangles(radius, 4, side * (radius + gap / 2) * axis) for side in (-1, 1)]
+    return solid(np.concatenate(parts))
+
+
 ROTATION = trimesh.transformations.euler_matrix(0.4, 0.7, 1.1)[:3, :3]
 
 
@@ -70,6 +91,44 @@ def build_tree(device: Device, mesh: Mesh, resolution: int, refine: Refine | Non
     """The octree of a solid at a resolution; `refine` None leaves all cells on the finest level."""
     grid = cutcell.make_grid(mesh.bounds, resolution)
     return octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
+
+
+def is_split(level: octree.Level) -> bool:
+    """Whether several cells of a level lie in one place."""
+    return len(np.unique(level.ijk, axis=0)) < level.n
+
+
+def links(level: octree.Level) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Faces between cells of a level: cell, face, the cell beyond, its place in `Level.junction_cell` (or -1)."""
+    nbr, start = level.nbr.get(), level.junction_start.get()
+    cell, face = np.nonzero((nbr < level.n) & (nbr != np.arange(level.n)[:, None]))
+    slot = np.repeat(level.junction_face.get(), np.diff(start))
+    place = np.concatenate([np.full(len(cell), -1), np.arange(len(slot))])
+    beyond = np.concatenate([nbr[cell, face], level.junction_cell.get()])
+    return np.append(cell, slot // 6), np.append(face, slot % 6), beyond, place
+
+
+def conductances(op: diffusion.Operator, k: int) -> np.ndarray:
+    """T (m, 1 or 4) of each of the `links` of level `k`."""
+    level = op.octree.levels[k]
+    cell, face, _, place = links(level)
+    T = op.T[k].get().reshape(level.n, 6, -1)[cell, face]
+    share = op.share[k].get().reshape(-1, T.shape[1])
+    return T * np.concatenate([share, np.ones((1, T.shape[1]))])[place]
+
+
+def children(level: octree.Level) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coarse cell, octant and finer cell of everything that `Level.child` and its chains list."""
+    child, chain = level.child.get(), level.chain.get()
+    cell, octant = np.nonzero(child != -1)
+    fine = child[cell, octant]
+    while (fine < 0).any():
+        several = np.flatnonzero(fine < 0)
+        first, rest = chain[-2 - fine[several]].T
+        fine[several] = first
+        cell, octant = np.append(cell, cell[several]), np.append(octant, octant[several])
+        fine = np.append(fine, rest)
+    return cell, octant, fine
 
 
 def build_operator(device: Device, tree: octree.Octree, medium: Any) -> diffusion.Operator:

@@ -24,10 +24,6 @@ KNOWN = {
     "plate 1.5h, sigma_a .001 sigma_tr: defect correction": 0.201,
     "plate 2h, sigma_a .001 sigma_tr: defect correction": 0.181,
     "plate 2h, sigma_a 0: defect correction": 0.181,
-    "balls, gap .3h, sigma_a .001 sigma_tr: defect correction": 0.413,
-    "balls, gap .3h, sigma_a 0: defect correction": 0.413,
-    "stack 2.2h, sigma_a .001 sigma_tr: defect correction": 0.755,
-    "stack 2.2h, sigma_a 0: defect correction": 0.755,
 }
 
 

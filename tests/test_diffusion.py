@@ -5,7 +5,22 @@ from __future__ import annotations
 import cases
 import numpy as np
 import pytest
-from shapes import ROTATION, box, build_operator, build_tree, relative_rms, set_field, solve, sphere, torus
+from scipy import sparse
+from shapes import (
+    ROTATION,
+    box,
+    build_operator,
+    build_tree,
+    conductances,
+    links,
+    pulley,
+    relative_rms,
+    set_field,
+    solve,
+    sphere,
+    stack,
+    torus,
+)
 
 from clsss import diffusion
 from clsss.diffusion import Field, Residual
@@ -39,19 +54,33 @@ def scale_of(medium, points):
 
 
 @BOTH
-@pytest.mark.parametrize("make", [sphere, torus])
+@pytest.mark.parametrize("make", [sphere, torus, pulley])
 def test_two_point_part_is_symmetric(device, make, medium):
     """The flux from i to j is minus that from j to i, on every level."""
     tree = build_tree(device, make(), 24)
     op = build_operator(device, tree, medium)
-    for level, T in zip(tree.levels, op.T, strict=True):
-        T, nbr, own = T.get(), level.nbr.get(), np.arange(level.n)
-        for face in range(6):
-            j = nbr[:, face]
-            same = (j < level.n) & (j != own)
-            np.testing.assert_allclose(T[own[same], face], T[j[same], face ^ 1], rtol=8 * np.finfo(T.dtype).eps)
-            assert not T[own[j == own], face].any()
+    for k, level in enumerate(tree.levels):
+        cell, _, beyond, _ = links(level)
+        there, back = (conductances(op, k)[np.lexsort(pair)] for pair in ((cell, beyond), (beyond, cell)))
+        np.testing.assert_allclose(there, back, rtol=32 * np.finfo(device.real).eps)
+        T = op.T[k].get()
+        assert not T[level.nbr.get() == np.arange(level.n)[:, None]].any()
         assert T.min() >= 0
+
+
+@BOTH
+@pytest.mark.parametrize("make", [sphere, stack, pulley])
+def test_coarse_faces_have_half_of_their_fine_ones(double, make, medium):
+    """Also where several parts of a split block lie behind one face: each gets its own."""
+    tree = build_tree(double, make(), 40, refine=None)
+    op = build_operator(double, tree, medium)
+    for k, (coarse, fine) in enumerate(zip(tree.levels[:-1], tree.levels[1:], strict=True)):
+        parent, (cell, _, beyond, _), T = fine.parent.get()[: fine.n], links(fine), conductances(op, k + 1)
+        cell, beyond = parent[cell], parent[beyond]
+        expected = [sparse.csr_matrix((t, (cell, beyond)), shape=(coarse.n, coarse.n)) for t in T.T]
+        cell, _, beyond, _ = links(coarse)
+        for t, sums in zip(conductances(op, k).T, expected, strict=True):
+            np.testing.assert_allclose(t, 0.5 * np.asarray(sums[cell, beyond]).ravel(), rtol=1e-12)
 
 
 @BOTH

@@ -35,7 +35,7 @@ LAYERS = {
     1.1: ["paths", "launch"],
     1.2: ["photons"],
     1.3: ["montecarlo"],
-    1.4: ["reference", "refinement", "leafmap"],
+    1.4: ["reference", "refinement", "coarsening", "leafmap"],
     2: ["octree"],
     3: ["diffusion"],
     3.1: ["source", "anderson"],

@@ -4,10 +4,28 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import ndimage
-from shapes import ROTATION, box, build_tree, hollow_sphere, merge_all, solid, sphere, sphere_triangles, torus
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+from shapes import (
+    ROTATION,
+    box,
+    box_triangles,
+    build_tree,
+    children,
+    hollow_sphere,
+    is_split,
+    links,
+    merge_all,
+    pulley,
+    solid,
+    sphere,
+    sphere_triangles,
+    stack,
+    torus,
+)
 
 from clsss import diffusion
+from clsss.coarsening import DENSE
 
 STEPS = np.array([(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)])
 
@@ -27,6 +45,8 @@ SOLIDS = {
     "tiny": (lambda: sphere(1e-4), 8),
     "bodies": (disjoint_bodies, 48),
     "coarse": (sphere, 4),
+    "stack": (stack, 48),
+    "pulley": (pulley, 48),
 }
 
 
@@ -75,34 +95,74 @@ def test_nothing_is_found_outside(tree):
 
 def test_parents_and_children_are_inverse(tree):
     for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
-        parent, child = fine.parent.get()[: fine.n], coarse.child.get()
+        parent, (cell, octant, child) = fine.parent.get()[: fine.n], children(coarse)
         np.testing.assert_array_equal(coarse.ijk[parent], fine.ijk >> 1)
-        octant = (fine.ijk & 1) @ [1, 2, 4]
-        np.testing.assert_array_equal(child[parent, octant], np.arange(fine.n))
-        assert (child >= 0).sum() == fine.n
-        np.testing.assert_array_equal((child >= 0).any(axis=1), ~coarse.leaf)
+        np.testing.assert_array_equal(np.sort(child), np.arange(fine.n))
+        np.testing.assert_array_equal(parent[child], cell)
+        np.testing.assert_array_equal((fine.ijk[child] & 1) @ [1, 2, 4], octant)
+        np.testing.assert_array_equal(np.bincount(cell, minlength=coarse.n) > 0, ~coarse.leaf)
     assert tree.levels[0].parent is None
     assert tree.finest.leaf.all()
 
 
 def test_neighbours_lie_where_they_should(tree):
     for k, level in enumerate(tree.levels):
+        cell, face, beyond, _ = links(level)
+        np.testing.assert_array_equal(level.ijk[beyond], level.ijk[cell] + STEPS[face])
+        there = set(zip(cell, face, beyond, strict=True))
+        assert there == set(zip(beyond, face ^ 1, cell, strict=True))
+        assert len(there) == len(cell)
         nbr, own = level.nbr.get(), np.arange(level.n)
         for face, step in enumerate(STEPS):
             j = nbr[:, face]
-            same = (j < level.n) & (j != own)
-            np.testing.assert_array_equal(level.ijk[j[same]], level.ijk[same] + step)
-            assert (nbr[j[same], face ^ 1] == own[same]).all()
-            ghost = j >= level.n
+            ghost = (j >= level.n) & (j < level.n + level.n_ghost)
             beyond = level.parent.get()[j[ghost]] if ghost.any() else own[:0]
             if ghost.any():
                 coarse = tree.levels[k - 1]
                 np.testing.assert_array_equal(coarse.ijk[beyond], (level.ijk[ghost] + step) >> 1)
 
 
+def test_coarse_cells_are_the_connected_parts_of_their_blocks(tree):
+    for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
+        parent, (cell, _, beyond, _) = fine.parent.get()[: fine.n], links(fine)
+        inside = (fine.ijk[cell] >> 1 == fine.ijk[beyond] >> 1).all(axis=1)
+        edges = sparse.coo_matrix((np.ones(inside.sum()), (cell[inside], beyond[inside])), shape=(fine.n, fine.n))
+        n, part = csgraph.connected_components(edges, directed=False)
+        assert n == (~coarse.leaf).sum() == len(np.unique(np.stack([part, parent]), axis=1).T)
+
+
+def test_coarse_neighbours_are_those_behind_open_finer_faces(tree):
+    for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
+        parent, (cell, face, beyond, _) = fine.parent.get()[: fine.n], links(fine)
+        apart = parent[cell] != parent[beyond]
+        expected = set(zip(parent[cell[apart]], face[apart], parent[beyond[apart]], strict=True))
+        cell, face, beyond, _ = links(coarse)
+        covered = ~coarse.leaf[cell] & ~coarse.leaf[beyond]
+        assert set(zip(cell[covered], face[covered], beyond[covered], strict=True)) == expected
+
+
+def test_only_bodies_that_come_close_split_blocks(single):
+    assert not any(is_split(level) for level in build_tree(single, sphere(), 48).levels)
+    for make in (stack, pulley):
+        tree = build_tree(single, make(), 48)
+        assert any(is_split(level) for level in tree.levels)
+        assert not is_split(tree.finest)
+    assert any(level.junction_face.shape[0] for level in tree.levels)
+    assert any(level.chain.shape[0] for level in tree.levels)
+
+
+def test_many_specks_share_cells_of_the_coarsest_level(single):
+    """Its inverse is dense."""
+    at = np.stack(np.meshgrid(*[np.arange(-9, 10, 2.0)] * 3), axis=-1).reshape(-1, 3)
+    specks = solid(np.concatenate([box_triangles((0.7, 0.7, 0.7), centre) for centre in at]))
+    levels = build_tree(single, specks, 32).levels
+    assert levels[0].n <= 64
+    assert levels[1].n >= len(at) > DENSE
+
+
 def test_parents_of_ghosts_are_leaves(tree):
     for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
-        parent = fine.parent.get()[fine.n :]
+        parent = fine.parent.get()[fine.n : fine.n + fine.n_ghost]
         assert len(parent) == fine.n_ghost
         assert coarse.leaf[parent].all()
         faces = fine.ghost_face.get()
@@ -114,7 +174,8 @@ def test_interface_lists_the_ghosts_of_each_leaf(tree):
     for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
         interface, start = coarse.interface.get(), coarse.interface_start.get()
         np.testing.assert_array_equal(
-            np.repeat(interface, np.diff(start)) if len(interface) else interface, fine.parent.get()[fine.n :]
+            np.repeat(interface, np.diff(start)) if len(interface) else interface,
+            fine.parent.get()[fine.n : fine.n + fine.n_ghost],
         )
 
 
@@ -123,11 +184,8 @@ def test_no_neighbours_share_a_colour(tree):
         red, black, end = level.colour_start
         assert (red, end) == (0, level.n)
         colour = np.arange(level.n) >= black
-        nbr, own = level.nbr.get(), np.arange(level.n)
-        for face in range(6):
-            j = nbr[:, face]
-            same = (j < level.n) & (j != own)
-            assert (colour[j[same]] != colour[same]).all()
+        cell, _, beyond, _ = links(level)
+        assert (colour[cell] != colour[beyond]).all()
 
 
 def test_cells_of_one_colour_are_in_order(tree):
@@ -135,7 +193,8 @@ def test_cells_of_one_colour_are_in_order(tree):
         for first, end in zip(level.colour_start[:-1], level.colour_start[1:], strict=True):
             x, y, z = level.ijk[first:end].T.astype(np.int64)
             key = (z << 40) + (y << 20) + x
-            assert (np.diff(key) > 0).all()
+            assert (np.diff(key) >= 0).all()
+            assert is_split(level) or (np.diff(key) > 0).all()
 
 
 def test_cut_cells_and_all_around_them_are_finest(tree):
@@ -216,7 +275,8 @@ def test_separate_bodies_keep_their_leaves(single):
 
 def test_coarsest_level_is_small(tree):
     """Its dense inverse has to stay cheap."""
-    assert tree.levels[0].n <= 64
+    level = tree.levels[0]
+    assert level.n <= (DENSE if is_split(level) else 64)
 
 
 def test_points_are_inside_their_cells(tree):

@@ -1,0 +1,73 @@
+/* junction.cl -- smoothing and residuals on levels where cells have several neighbours beyond one face (junction.h).
+ * The rest is as in smooth.cl and restrict.cl.
+ */
+#include "real.h"
+#include "conductance.h"
+#include "child.h"
+#include "junction.h"
+
+/* Shares of a junction's cells in the transmissibility of its face: the sums over the finer faces they lie behind. */
+// cost junction_shares: 60R+60 B, 40 flop
+__kernel void junction_shares(const int n, __global const int *restrict face, __global const int *restrict start,
+                              __global const int *restrict cell, __global const int *restrict child,
+                              __global const int *restrict chain, const int n_rows_fine,
+                              __global const int *restrict nbr_fine, __global const int *restrict parent_fine,
+                              __global const COND *restrict T_fine, __global const int *restrict start_fine,
+                              __global const int *restrict cell_fine, __global const COND *restrict share_fine,
+                              __global COND *restrict share) {
+    const int q = get_global_id(0);
+    if (q >= n) return;
+    const int i = face[q] / 6, f = face[q] % 6;
+    COND total = 0;
+    for (int k = start[q]; k < start[q + 1]; k++) {
+        COND sum = 0;
+        for (int o = 0; o < 8; o++) {
+            if (((o >> (f >> 1)) & 1) != (f & 1)) continue;
+            for (int next = child[8 * i + o]; next != -1;) {
+                const int c = take_child(&next, chain), j = nbr_fine[6 * c + f];
+                const COND t = T_fine[6 * c + f];
+                if (j < n_rows_fine) {
+                    if (parent_fine[j] == cell[k]) sum += t;
+                    continue;
+                }
+                for (int m = start_fine[j - n_rows_fine]; m < start_fine[j - n_rows_fine + 1]; m++)
+                    if (parent_fine[cell_fine[m]] == cell[k]) sum += t * share_fine[m];
+            }
+        }
+        share[k] = sum;
+        total += sum;
+    }
+    for (int k = start[q]; k < start[q + 1]; k++) share[k] /= total;
+}
+
+// cost smooth_with_junctions: 42R+24 B, 56 flop
+__kernel void smooth_with_junctions(const int first, const int n, __global const int *restrict nbr,
+                                    __global const COND *restrict T, __global const REAL4 *restrict absorb,
+                                    __global const REAL4 *restrict b, const int n_rows,
+                                    __global const int *restrict start, __global const int *restrict cell,
+                                    __global const COND *restrict share, __global REAL4 *restrict x) {
+    const int i = first + get_global_id(0);
+    if (i >= first + n) return;
+    REAL4 sum = b[i], diagonal = absorb[i];
+    for (int f = 0; f < 6; f++) {
+        const COND t = T[6 * i + f];
+        sum += t * value_beyond(nbr[6 * i + f], n_rows, start, cell, share, x);
+        diagonal += t;
+    }
+    x[i] = sum / diagonal;
+}
+
+// cost leave_residual_with_junctions: 46R+24 B, 76 flop
+__kernel void leave_residual_with_junctions(const int n, __global const int *restrict nbr,
+                                            __global const COND *restrict T, __global const REAL4 *restrict absorb,
+                                            __global const REAL4 *restrict b, const int n_rows,
+                                            __global const int *restrict start, __global const int *restrict cell,
+                                            __global const COND *restrict share, __global REAL4 *x) {
+    const int i = get_global_id(0);
+    if (i >= n) return;
+    const REAL4 own = x[i];
+    REAL4 sum = b[i] - absorb[i] * own;
+    for (int f = 0; f < 6; f++)
+        sum += T[6 * i + f] * (value_beyond(nbr[6 * i + f], n_rows, start, cell, share, x) - own);
+    x[i] = sum;
+}
