@@ -73,7 +73,7 @@ class Operator:
         Shares of `Level.junction_cell` in the transmissibility of their junction's face.
     irregular : (m,) int32, device
         Finest cells with a face whose flux has second-order terms.
-    inverse : (n_cut, 6, 4) real, device
+    inverse : (n_cut, 6, 3) real, device
         Pseudo-inverses of the gradients' normal equations.
     around : (n_cut, 27) int32, device
         The finest cells around each cut cell, x fastest; itself where there is none.
@@ -172,7 +172,7 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     for level, t in zip(octree.levels[1:], T[1:], strict=True):
         weight.append(device.empty((level.n, 4), np.uint8))
         device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
-    inverse, around = device.empty((cut.n, 6, CHANNELS)), device.empty((cut.n, 27), np.int32)
+    inverse, around = device.empty((cut.n, 6, 3)), device.empty((cut.n, 27), np.int32)
     kernel = device.kernel("gradient", "gradient_inverse", *defines)
     device.run(kernel, cut.n, cut.n, finest.h, A, octree.grid.dims, medium.D[-1], octree.block, octree.brick,
                finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal,

@@ -75,7 +75,7 @@ REAL4 boundary_row(const REAL4 offset, const REAL4 n, const REAL alpha_B, const 
 
 REAL component(const REAL4 v, const int c) { return c == 0 ? v.x : c == 1 ? v.y : c == 2 ? v.z : v.w; }
 
-// cost gradient_inverse: 150R+1M+220 B, 2500 flop
+// cost gradient_inverse: 144R+1M+220 B, 2500 flop
 __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, const int4 dims, MEDIUM D,
                                __global const int *restrict block, __global const int *restrict brick,
                                __global const int *restrict position, __global const int *restrict cut_cell,
@@ -116,22 +116,16 @@ __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, 
         full.xz += row.x * row.z;
         full.yz += row.y * row.z;
         const Symmetric r = pseudo_inverse(full);
-        __global REAL *restrict out = inverse + 24 * (size_t)c + channel;
-        out[0] = r.xx;
-        out[4] = r.yy;
-        out[8] = r.zz;
-        out[12] = r.xy;
-        out[16] = r.xz;
-        out[20] = r.yz;
+        const REAL out[6] = {r.xx, r.yy, r.zz, r.xy, r.xz, r.yz};
+        for (int k = 0; k < 6; k++) inverse[18 * (size_t)c + 3 * k + channel] = out[k];
     }
-    for (int k = 0; k < 6; k++) inverse[24 * (size_t)c + 4 * k + 3] = 0;
 }
 
-// cost gradient: 300R+1M+220 B, 700 flop
+// cost gradient: 294R+1M+220 B, 700 flop
 __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, __global const int *restrict around,
                        __global const int *restrict cut_cell, __global const int *restrict cut_index,
                        __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                       __global const REAL4 *restrict normal, __global const REAL4 *restrict inverse,
+                       __global const REAL4 *restrict normal, __global const REAL *restrict inverse,
                        __global const REAL4 *restrict wall, __global const REAL4 *restrict x,
                        __global REAL4 *restrict slope) {
     const int c = get_global_id(0);
@@ -159,7 +153,8 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
     sx += right * (D_over_h * nrm.x + across.x);
     sy += right * (D_over_h * nrm.y + across.y);
     sz += right * (D_over_h * nrm.z + across.z);
-    __global const REAL4 *restrict r = inverse + 6 * (size_t)c;
+    REAL4 r[6];
+    for (int k = 0; k < 6; k++) r[k] = vload3(6 * (size_t)c + k, inverse).xyzz; /* the spare channel repeats the third */
     slope[3 * c] = r[0] * sx + r[3] * sy + r[4] * sz;
     slope[3 * c + 1] = r[3] * sx + r[1] * sy + r[5] * sz;
     slope[3 * c + 2] = r[4] * sx + r[5] * sy + r[2] * sz;
