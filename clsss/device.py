@@ -30,7 +30,8 @@ if not KERNEL_DIR.is_dir():
 TOGETHER = (
     ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
      "exchange", "surface"),
-    ("coefficients", "gradient", "smooth", "residual", "restrict", "junction", "source", "attenuate"),
+    ("coefficients", "gradient", "correct", "smooth", "residual", "restrict", "junction", "source", "moment", "layer",
+     "attenuate"),
 )  # fmt: skip
 ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
 

@@ -22,6 +22,8 @@ from clsss.device import ROW_ALIGNMENT, Buffer, Device
 from clsss.octree import Octree
 
 CHANNELS = 4
+RESOLVED, FITTED = 0.05, 0.075  # (k h)^2 up to which no exponential is fitted, and from which on it is all
+WIDEST = 400.0  # (k h)^2 that float32's exponentials bear
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,8 @@ class Coefficients:
         Diffusion coefficient [mm] of each level.
     sigma_a, sigma_s : likewise
         Absorption, and scattering out of the beam, sigma_s* = (1 - f) sigma_s [1/mm].
+    fitted : (n, 4) real, device, or REAL4
+        (k h)^2 of the finest level's cells as far as exponentials are fitted (`fitted_widths`).
     g : float
         Mean cosine g* = (g - f) / (1 - f) of that scattering.
     fresnel_A : float
@@ -46,6 +50,7 @@ class Coefficients:
     D: list[Any]
     sigma_a: list[Any]
     sigma_s: list[Any]
+    fitted: Any
     g: float
     fresnel_A: float
     eta: float
@@ -125,6 +130,13 @@ def forward_fraction(phase: str, g: float) -> float:
     return {"similarity": g, "delta-eddington": g * g, "p1": 0.0}[phase]
 
 
+def fitted_widths(h: float, D: np.ndarray, sigma_a: np.ndarray) -> np.ndarray:
+    """(k h)^2, k^2 = sigma_a / D, as far as exponentials are fitted: not where cells resolve the diffusion length."""
+    width2 = sigma_a / D * h**2
+    t = np.clip((width2 - RESOLVED) / (FITTED - RESOLVED), 0, 1)
+    return np.minimum(width2 * t * t * (3 - 2 * t), WIDEST)
+
+
 def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
                   phase: str = "similarity") -> Coefficients:  # fmt: skip
     """Coefficients of a medium at the cells of an octree.
@@ -138,7 +150,8 @@ def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
         sigma_a, sigma_s = medium.coefficients(np.zeros((1, 3)))
         values = 1 / (3 * (sigma_a[0] + (1 - medium.g) * sigma_s[0])), sigma_a[0], (1 - f) * sigma_s[0]
         one = [[device.vector(channels(v))] * n_levels for v in values]
-        return Coefficients(True, one[0], one[1], one[2], beam_g, fresnel_A, medium.eta)
+        width = device.vector(channels(fitted_widths(octree.grid.h, values[0], values[1])))
+        return Coefficients(True, one[0], one[1], one[2], width, beam_g, fresnel_A, medium.eta)
     D: list[Buffer] = []
     absorption: list[Buffer] = []
     scattering: list[Buffer] = []
@@ -147,7 +160,9 @@ def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
         D.append(device.array(channels(1 / (3 * (sigma_a + (1 - medium.g) * sigma_s)))))
         absorption.append(device.array(channels(sigma_a)))
         scattering.append(device.array(channels((1 - f) * sigma_s)))
-    return Coefficients(False, D, absorption, scattering, beam_g, fresnel_A, medium.eta)
+    finest_D = 1 / (3 * (sigma_a + (1 - medium.g) * sigma_s))
+    widths = device.array(channels(fitted_widths(octree.grid.h, finest_D, sigma_a)))
+    return Coefficients(False, D, absorption, scattering, widths, beam_g, fresnel_A, medium.eta)
 
 
 def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Operator:
@@ -158,9 +173,9 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     absorb = [device.empty((level.n, CHANNELS)) for level in octree.levels]
     finest = octree.finest
     kernel = device.kernel("coefficients", "finest_coefficients", *defines)
-    device.run(kernel, finest.n, finest.n, finest.h, A, medium.D[-1], medium.D[-2], medium.sigma_a[-1], finest.nbr,
-               finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid,
-               T[-1], absorb[-1])  # fmt: skip
+    device.run(kernel, finest.n, finest.n, finest.h, A, medium.D[-1], medium.D[-2], medium.sigma_a[-1],
+               medium.fitted, finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
+               cut.aperture, cut.face_centroid, T[-1], absorb[-1])  # fmt: skip
     kernel = device.kernel("coefficients", "coarse_coefficients", *defines)
     for k in range(len(T) - 2, -1, -1):
         level = octree.levels[k]
@@ -229,8 +244,8 @@ class Residual:
         self._of_leaves = device.kernel("residual", "residual_of_leaves", *d)
         self._reflux = device.kernel("residual", "reflux", *d)
         self._gradient = device.kernel("gradient", "gradient", *d)
-        self._correct = device.kernel("gradient", "correct_residual", *d)
-        self._boundary = device.kernel("gradient", "boundary_value", *d)
+        self._correct = device.kernel("correct", "correct_residual", *d)
+        self._boundary = device.kernel("correct", "boundary_value", *d)
 
     def complete(self, phi: Field) -> None:
         """Fill what depends on the leaves: covered cells, ghosts, and `op.slope`."""
@@ -269,9 +284,9 @@ class Residual:
             run(self._reflux, m, m, fine.n, level.interface, level.interface_start, fine.ghost_face, T[k + 1],
                 phi[k + 1], r[k])  # fmt: skip
         m = op.irregular.shape[0]
-        run(self._correct, m, m, finest.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.irregular, finest.nbr,
-            octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.face_centroid, T[-1], op.slope, phi[-1],
-            r[-1])  # fmt: skip
+        run(self._correct, m, m, finest.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.medium.fitted,
+            op.irregular, finest.nbr, octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.face_centroid,
+            T[-1], op.slope, phi[-1], r[-1])  # fmt: skip
 
     def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
         """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].
@@ -287,5 +302,5 @@ class Residual:
         """As `boundary_value`, for a complete `phi`, into `phi_B`."""
         op, cut = self.op, self.op.octree.cut
         self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D[-1],
-                        cut.cell, cut.centroid, cut.boundary, cut.normal, op.slope, moment, phi[-1],
+                        op.medium.fitted, cut.cell, cut.centroid, cut.boundary, cut.normal, op.slope, moment, phi[-1],
                         phi_B)  # fmt: skip

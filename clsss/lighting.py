@@ -17,6 +17,7 @@ import numpy as np
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, Residual, cell_points, channels
 from clsss.exchange import Exchange
+from clsss.layer import Layer
 from clsss.materials import fresnel_moments
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
@@ -47,6 +48,7 @@ class Scene:
     octree: Octree
     medium: Coefficients
     multigrid: Multigrid
+    layer: Layer | None
     exchange: Exchange | None
     blockers: tuple[Mesh, ...]
     shadows: RayCaster | None
@@ -80,6 +82,8 @@ class Solution:
         The part of the exitance that was scattered once, where it is traced.
     leaving : (p, 3) float64
         B of each patch of the exchange.
+    moment : (n_cut, 3) float64
+        First moment at the boundary of all its sources, light from other parts of the surface included.
     source : Source
     convergence : Convergence
     """
@@ -91,6 +95,7 @@ class Solution:
     fluence: Buffer
     once: Buffer | None
     leaving: np.ndarray
+    moment: np.ndarray
     source: Source
     convergence: Convergence
 
@@ -211,7 +216,8 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     exitance = device.array(channels(flux + entering))
     fluence = device.array(channels(2 * medium.fresnel_A * flux + gain * (entering + kept)))
     leaving = follower.state if follower else np.zeros((0, 3))
-    return Solution(unit, phi, flux, exitance, fluence, once, leaving, source, convergence)
+    moment = source.moment.get()[:, :3] - gain * entering
+    return Solution(unit, phi, flux, exitance, fluence, once, leaving, moment, source, convergence)
 
 
 def interpolate(scene: Scene, solution: Solution, points: np.ndarray) -> np.ndarray:

@@ -15,11 +15,8 @@ from clsss.lighting import Scene, Solution
 
 def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
     """The report of a bake; `seconds` are those of its stages."""
-    tree, medium, convergence = scene.octree, scene.medium, solution.convergence
-    absorbed = np.zeros(3)
-    for level, x, volume, sigma_a in zip(tree.levels, solution.phi, tree.volumes(), medium.sigma_a, strict=True):
-        rate = np.array(sigma_a.tolist()) if medium.homogeneous else sigma_a.get().astype(float)
-        absorbed += (x.get()[: level.n] * rate * (volume * level.leaf)[:, None]).sum(axis=0)[:3]
+    tree, convergence = scene.octree, solution.convergence
+    absorbed = _absorbed(scene, solution)
     area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
     exited = area @ solution.flux
     return {
@@ -57,6 +54,19 @@ def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict
             "peak_rss": _peak_rss_mb(),
         },
     }
+
+
+def _absorbed(scene: Scene, solution: Solution) -> np.ndarray:
+    """Power absorbed (3,), in multiples of `unit`: by the cells, and in a fitted layer on the way from and to them."""
+    tree, medium, layer = scene.octree, scene.medium, scene.layer
+    absorbed = solution.source.lost / solution.unit
+    for level, x, volume, sigma_a in zip(tree.levels, solution.phi, tree.volumes(), medium.sigma_a, strict=True):
+        rate = np.array(sigma_a.tolist()) if medium.homogeneous else sigma_a.get().astype(float)
+        taking = layer.volume if layer and level is tree.finest else volume[:, None]
+        absorbed += ((x.get()[: level.n] * rate)[:, :3] * taking * level.leaf[:, None]).sum(axis=0)
+    if layer:
+        absorbed -= (layer.conductance * (layer.swell - 1) * solution.moment).sum(axis=0)
+    return absorbed
 
 
 def _peak_rss_mb() -> float:

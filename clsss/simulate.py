@@ -17,6 +17,7 @@ from clsss.arguments import check, check_memory, checked_lights, checked_points
 from clsss.device import Buffer, open_device
 from clsss.errors import InputError
 from clsss.exchange import leaving_shape, trace_exchange
+from clsss.layer import fitted_layer
 from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
 from clsss.materials import fresnel_A
 from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
@@ -215,12 +216,13 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
             )
         coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
+        layer = fitted_layer(dev, tree, coefficients)
         dev.finish()
     with timed("exchange", seconds, tell):
         opaque = opaque_triangles(blockers)
         shadows = None if opaque is None else RayCaster(opaque)
         coupling = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
-    scene = Scene(dev, mesh, tree, coefficients, multigrid, coupling, tuple(blockers), shadows,
+    scene = Scene(dev, mesh, tree, coefficients, multigrid, layer, coupling, tuple(blockers), shadows,
                   scattering == "split", tolerance, before)  # fmt: skip
     return _bake(scene, medium, lights, None, seconds, start, tell)
 

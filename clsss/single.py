@@ -24,7 +24,7 @@ import numpy as np
 
 from clsss import bvh
 from clsss.device import Buffer, Device
-from clsss.diffusion import Coefficients, Field, channels, make_operator
+from clsss.diffusion import CHANNELS, Coefficients, Field, channels, make_operator
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import fresnel_A, fresnel_moments, fresnel_reflectance
 from clsss.multigrid import Multigrid
@@ -166,6 +166,10 @@ def _opaque(device: Device, medium: Coefficients) -> tuple[list[Any], list[Any]]
     return D, sigma_t
 
 
+def _none_fitted(device: Device, medium: Coefficients) -> Any:
+    return device.vector([0.0] * CHANNELS) if medium.homogeneous else device.zeros(medium.fitted.shape)
+
+
 def split(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float, source: Source,
           blockers: RayCaster | None, tolerance: float,
           progress: Callable[[float], None] | None = None) -> tuple[Buffer, np.ndarray, Source]:  # fmt: skip
@@ -190,9 +194,9 @@ def split(device: Device, octree: Octree, medium: Coefficients, lights: list[Any
     points, normals = boundary_points(octree)
     once = SingleScattering(device, octree, medium, lights, unit, blockers).exitance(points, normals, progress)
     D, sigma_t = _opaque(device, medium)
-    thin = replace(medium, D=D)
+    thin = replace(medium, D=D, fitted=_none_fitted(device, medium))
     beams = [light for light in lights if not isinstance(light, Emission)]
-    known = source if medium.g == 0 and len(beams) == len(lights) else make_source(
+    known = source if medium.g == 0 and len(beams) == len(lights) and not source.lost.any() else make_source(
         device, octree, thin, beams, unit, blockers)  # fmt: skip
     excess = _diffused_once(device, octree, replace(thin, sigma_a=sigma_t), known, tolerance) - once
     most = most_excess(medium.eta) * once

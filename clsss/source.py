@@ -20,6 +20,7 @@ import numpy as np
 
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
+from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree
 from clsss.rays import LINING, RayCaster
@@ -41,6 +42,8 @@ class Source:
         3 D q1 . n at the boundary [W/mm^2].
     deposited, incident : (3,) float
         Power deposited, and power that the beams bring through the surface [W].
+    lost : (3,) float
+        Part of what is deposited that is absorbed before it gets to a centroid or the surface [W].
     """
 
     b: Field
@@ -48,6 +51,7 @@ class Source:
     wall: Buffer
     deposited: np.ndarray
     incident: np.ndarray
+    lost: np.ndarray
 
 
 def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
@@ -95,6 +99,7 @@ class Beams:
         n_cut = octree.cut.n
         self.Q = Field(device, octree)
         self.moment, self.wall = device.zeros((n_cut, CHANNELS)), device.zeros((n_cut, CHANNELS))
+        self.lost = device.zeros((n_cut, CHANNELS))
         self.incident = np.zeros(3)
         self._F = Field(device, octree)
         self._F_B = device.empty((n_cut, CHANNELS))
@@ -159,9 +164,10 @@ class Beams:
         parts = list(zip(medium.D, medium.sigma_a, medium.sigma_s, strict=True))
         finest, F, F_B = octree.finest, self._F, self._F_B
         kernel = device.kernel("source", "deposit_finest", *defines)
-        device.run(kernel, finest.n, finest.n, finest.h, g, where, *parts[-1], *parts[-2], finest.position,
-                   finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
-                   cut.aperture, cut.face_centroid, F_B, F[-1], self.Q[-1])  # fmt: skip
+        device.run(kernel, finest.n, finest.n, finest.h, g, float(medium.fresnel_A), where, *parts[-1], *parts[-2],
+                   medium.fitted, finest.position, finest.nbr, finest.parent, octree.cut_index, cut.centroid,
+                   cut.boundary, cut.normal, cut.aperture, cut.face_centroid, F_B, F[-1], self.Q[-1],
+                   self.lost)  # fmt: skip
         coarse = device.kernel("source", "deposit_coarse", *defines)
         interface = device.kernel("source", "deposit_interface", *defines)
         for k, level in enumerate(levels[:-1]):
@@ -172,8 +178,8 @@ class Beams:
             device.run(interface, m, m, fine.n, fine.h, g, fine.depth, where, *parts[k], *parts[k + 1], level.interface,
                        level.interface_start, fine.ghost_face, fine.position,
                        F[k + 1], self.Q[k])  # fmt: skip
-        kernel = device.kernel("source", "moment", *defines)
-        device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], finest.position,
+        kernel = device.kernel("moment", "moment", *defines)
+        device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], medium.fitted, finest.position,
                    cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment, self.wall)  # fmt: skip
 
     def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:
@@ -194,13 +200,25 @@ class Beams:
         self.incident += power[:3]
 
 
-def _add_emission(device: Device, octree: Octree, light: Emission, unit: float, Q: Field) -> None:
-    volume = octree.volumes()
-    for level, points, V, q in zip(octree.levels, cell_points(octree), volume, Q, strict=True):
-        values = np.zeros((level.n + level.n_ghost, CHANNELS))
+def _add_emission(beams: Beams, light: Emission, unit: float) -> np.ndarray:
+    """Power [unit mm^2] that is absorbed before it gets to a centroid or the surface (3,)."""
+    octree = beams.octree
+    layer, cells = fitted_layer(beams.device, octree, beams.medium), octree.cut.cell.get()
+    volumes, points, lost = octree.volumes(), cell_points(octree), np.zeros(3)
+    for k, (level, q) in enumerate(zip(octree.levels, beams.Q, strict=True)):
         leaf = level.leaf
-        values[: level.n][leaf, :3] = light.density(points[leaf]) / unit * V[leaf, None]
-        q.set(q.get() + values)
+        density, power = np.zeros((level.n, 3)), np.zeros((level.n + level.n_ghost, 3))
+        density[leaf] = light.density(points[k][leaf]) / unit
+        power[: level.n] = density * volumes[k][:, None]
+        lost += power.sum(axis=0)
+        if layer and level is octree.finest:
+            moment = density[cells] * layer.moment
+            power[: level.n] = density * layer.volume
+            power[cells] += layer.conductance * moment
+            beams.moment.set(beams.moment.get() + channels(moment))
+        lost -= power.sum(axis=0)
+        q.set(q.get() + channels(power))
+    return lost
 
 
 def light_unit(lights: list[Any], size: float) -> float:
@@ -238,13 +256,13 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
     -------
     Source
     """
-    beams = Beams(device, octree, medium, blockers)
+    beams, lost = Beams(device, octree, medium, blockers), np.zeros(3)
     collimated: list[Any] = []
     for light in lights:
         if isinstance(light, EnvironmentLight):
             collimated += light.beams(ENVIRONMENT_BEAMS)
         elif isinstance(light, Emission):
-            _add_emission(device, octree, light, unit, beams.Q)
+            lost += _add_emission(beams, light, unit)
         else:
             collimated.append(light)
     for done, light in enumerate(collimated, 1):
@@ -252,18 +270,19 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         device.finish()
         if progress is not None:
             progress(done / len(collimated))
-    deposited = sum(q.get()[:, :3].astype(float).sum(axis=0) for q in beams.Q)
+    lost += beams.lost.get()[:, :3].astype(float).sum(axis=0)
+    deposited = lost + sum(q.get()[:, :3].astype(float).sum(axis=0) for q in beams.Q)
     b = beams.Q
-    scale = device.kernel("source", "right_hand_side", *medium.defines)
+    scale = device.kernel("moment", "right_hand_side", *medium.defines)
     for level, D, q in zip(octree.levels, medium.D, b, strict=True):
         device.run(scale, level.n, level.n, D, q, q)
     subtract_moment(device, octree, medium, beams.moment, b[-1])
-    return Source(b, beams.moment, beams.wall, deposited * unit, beams.incident * unit)
+    return Source(b, beams.moment, beams.wall, deposited * unit, beams.incident * unit, lost * unit)
 
 
 def subtract_moment(device: Device, octree: Octree, medium: Coefficients, moment: Buffer, b: Buffer) -> None:
     """Take the boundary's first moment (n_cut, 4) [W/mm^2] from the finest level's `b` (or residual)."""
     cut = octree.cut
-    kernel = device.kernel("source", "subtract_moment", *medium.defines)
-    device.run(kernel, cut.n, cut.n, octree.grid.h, medium.fresnel_A, medium.D[-1], cut.cell, cut.centroid,
-               cut.boundary, cut.normal, moment, b)  # fmt: skip
+    kernel = device.kernel("moment", "subtract_moment", *medium.defines)
+    device.run(kernel, cut.n, cut.n, octree.grid.h, medium.fresnel_A, medium.D[-1], medium.fitted, cut.cell,
+               cut.centroid, cut.boundary, cut.normal, moment, b)  # fmt: skip

@@ -15,6 +15,7 @@
 #include "child.h"
 #include "pinning.h"
 #include "weight.h"
+#include "absorbing.h"
 
 COND across(const REAL area, const REAL d_i, const REAL d_j, const REAL4 D_i, const REAL4 D_j) {
 #ifdef HETEROGENEOUS
@@ -24,9 +25,9 @@ COND across(const REAL area, const REAL d_i, const REAL d_j, const REAL4 D_i, co
 #endif
 }
 
-// cost finest_coefficients: 29R+6C+8M+28 B, 120 flop
+// cost finest_coefficients: 29R+6C+15M+28 B, 120 flop
 __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM D_coarse,
-                                  MEDIUM sigma_a, __global const int *restrict nbr, __global const int *restrict parent,
+                                  MEDIUM sigma_a, MEDIUM fitted, __global const int *restrict nbr, __global const int *restrict parent,
                                   __global const int *restrict cut_index,
                                   __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                                   __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
@@ -47,10 +48,13 @@ __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_
             T[6 * i + f] = across(face.area * h * h, face.delta * h / 2, face.delta * h / 2, AT(D, i), AT(D, j));
         }
     }
-    REAL4 sink = AT(sigma_a, i) * (cell_centroid(cut, centroid).w * h * h * h);
+    const REAL4 volume = absorbing_volume(i, n, h, fresnel_A, D, sigma_a, fitted, nbr, cut_index, centroid, boundary, normal,
+                                          aperture, face_centroid);
+    REAL4 sink = AT(sigma_a, i) * (h * h * h) * volume;
     if (cut >= 0) {
-        const REAL d = h * depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.1);
-        sink += boundary[cut].w * h * h / (2 * fresnel_A + d / AT(D, i));
+        const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.1);
+        const REAL4 x2 = depth2(AT(fitted, i), d, normal[cut], boundary[cut]);
+        sink += boundary[cut].w * h * h / resistance(x2, d * h, AT(D, i), fresnel_A);
     }
     absorb[i] = SCALE(sink, AT(D, i));
 }

@@ -1,4 +1,4 @@
-/* gradient.cl -- least-squares gradients of cut cells, and the second-order terms that they carry; per cell width.
+/* gradient.cl -- least-squares gradients of cut cells, per cell width.
  *
  * Rows: the neighbours within one cell, dx . g = phi_k - phi_i with weight sqrt(kappa_k) / max(|dx|^2, 0.05), and
  * one for the boundary condition,
@@ -158,73 +158,4 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
     slope[3 * c] = r[0] * sx + r[3] * sy + r[4] * sz;
     slope[3 * c + 1] = r[3] * sx + r[1] * sy + r[5] * sz;
     slope[3 * c + 2] = r[4] * sx + r[5] * sy + r[2] * sz;
-}
-
-REAL4 along(const int c, const REAL4 d, __global const REAL4 *restrict slope) {
-    return c < 0 ? (REAL4)(0) : d.x * slope[3 * c] + d.y * slope[3 * c + 1] + d.z * slope[3 * c + 2];
-}
-
-/* phi on the inner end of the normal through x_B. */
-REAL4 value_below(const int c, const REAL4 value, const REAL d, const REAL4 n, __global const REAL4 *restrict centroid,
-                  __global const REAL4 *restrict boundary, __global const REAL4 *restrict slope) {
-    return value + along(c, boundary[c] - d * n - centroid[c], slope);
-}
-
-/* g . tau from a cell's centroid to the point x of a face across the other axis than a and b. */
-REAL4 rise_to(const int c, const int a, const int b, const REAL2 x, __global const REAL4 *restrict centroid,
-              __global const REAL4 *restrict slope) {
-    if (c < 0) return (REAL4)(0);
-    __global const REAL *restrict from = (__global const REAL *)(centroid + c);
-    return (x.x - from[a]) * slope[3 * c + a] + (x.y - from[b]) * slope[3 * c + b];
-}
-
-/* Add to r, on cells with an irregular face, what the gradients add to the two-point fluxes:
- *     T_f (g_j . tau_j - g_i . tau_i),  and  C_B phi_i  with its clamp eased -> C_B (phi_i + g . (x_B - d n - x_i)).
- */
-// cost correct_residual: 54R+6C+1M+60 B, 150 flop
-__kernel void correct_residual(const int n, const int n_cells, const REAL h, const REAL fresnel_A, MEDIUM D,
-                               __global const int *restrict irregular, __global const int *restrict nbr,
-                               __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
-                               __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                               __global const REAL2 *restrict face_centroid, __global const COND *restrict T,
-                               __global const REAL4 *restrict slope, __global const REAL4 *restrict x,
-                               __global REAL4 *restrict r) {
-    const int m = get_global_id(0);
-    if (m >= n) return;
-    const int i = irregular[m], c = cut_index[i];
-    REAL4 sum = r[i];
-    for (int f = 0; f < 6; f++) {
-        const int j = nbr[6 * i + f];
-        if (j == i || j >= n_cells) continue;
-        const int other = cut_index[j];
-        if (c < 0 && other < 0) continue;
-        const int a = f < 2, b = f < 4 ? 2 : 1, low = f & 1 ? 6 * c + f : 6 * other + f + 1;
-        const REAL2 at = c >= 0 && other >= 0 ? face_centroid[low] : (REAL2)(0.5);
-        sum += T[6 * i + f] * (rise_to(other, a, b, at, centroid, slope) - rise_to(c, a, b, at, centroid, slope));
-    }
-    if (c >= 0) {
-        const REAL4 nrm = unit_normal(normal[c]), D_i = AT(D, i);
-        const REAL clamped = depth_below(centroid[c], boundary[c], nrm, 0.1);
-        const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
-        const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
-        const REAL4 flux = x[i] / (2 * fresnel_A + clamped * h / D_i) - p / (2 * fresnel_A + d * h / D_i);
-        sum += SCALE(boundary[c].w * h * h * flux, D_i);
-    }
-    r[i] = sum;
-}
-
-/* phi_B = 2A (p + r_B) / (2A + d/D), r_B the source's moment between the centroid and the surface. */
-// cost boundary_value: 40R+1M+8 B, 60 flop
-__kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, MEDIUM D,
-                             __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
-                             __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                             __global const REAL4 *restrict slope, __global const REAL4 *restrict moment,
-                             __global const REAL4 *restrict x, __global REAL4 *restrict phi_B) {
-    const int c = get_global_id(0);
-    if (c >= n) return;
-    const int i = cut_cell[c];
-    const REAL4 nrm = unit_normal(normal[c]);
-    const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
-    const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
-    phi_B[c] = 2 * fresnel_A * (p + moment[c]) / (2 * fresnel_A + d * h / AT(D, i));
 }

@@ -24,6 +24,7 @@ from shapes import (
 
 from clsss import diffusion
 from clsss.diffusion import Field, Residual
+from clsss.layer import fitted_layer
 from clsss.lights import Emission
 from clsss.materials import Material, fresnel_A
 from clsss.surface import boundary_points
@@ -122,7 +123,7 @@ def test_coarse_absorption_is_that_of_a_relaxed_field(double):
     assert unlike_sums > 100
 
 
-@BOTH
+@pytest.mark.parametrize("medium", [*MEDIA, CLEAR], ids=["homogeneous", "heterogeneous", "clear"])
 def test_residual_conserves(double, medium):
     """Summed over all leaves only the source, the absorption and the flux through the surface are left.
 
@@ -138,9 +139,13 @@ def test_residual_conserves(double, medium):
         x.set(rng.uniform(1, 2, x.shape))
     residual(phi, b, r)
     points, absorbed = diffusion.cell_points(tree), np.zeros(3)
-    for x, p, volume, level in zip(phi, points, tree.volumes(), tree.levels, strict=True):
+    volumes, layer = [v[:, None] for v in tree.volumes()], fitted_layer(double, tree, op.medium)
+    assert (layer is None) == (medium is CLEAR)
+    if layer is not None:
+        volumes[-1] = layer.volume
+    for x, p, volume, level in zip(phi, points, volumes, tree.levels, strict=True):
         sigma_a = medium.coefficients(p)[0] * scale_of(medium, p)
-        absorbed += (x.get()[: level.n, :3] * sigma_a * (volume * level.leaf)[:, None]).sum(axis=0)
+        absorbed += (x.get()[: level.n, :3] * sigma_a * volume * level.leaf[:, None]).sum(axis=0)
     phi_B = residual.boundary_value(phi, double.zeros((tree.cut.n, 4))).get()[:, :3]
     area = tree.cut.boundary.get()[:, 3:] * tree.grid.h**2
     at_cut = points[-1][tree.cut.cell.get()]
@@ -192,6 +197,10 @@ def test_linear_fields_are_exact_in_cut_cells(double):
     np.testing.assert_allclose(phi_B, drop, rtol=1e-9)
 
 
+def sinhc(x):
+    return np.sinh(x) / x if x else 1.0
+
+
 class Dense:
     """The scheme written down with numpy, cell by cell, for a solid all of whose cells are on the finest level."""
 
@@ -209,6 +218,9 @@ class Dense:
         sigma_a, sigma_s = medium.coefficients(diffusion.cell_points(tree)[-1])
         self.sigma_a = sigma_a[:, 0]
         self.D = 1 / (3 * (sigma_a + (1 - medium.g) * sigma_s))[:, 0]
+        k2 = self.sigma_a * self.h**2 / self.D
+        t = np.clip((k2 - 0.05) / 0.025, 0, 1)
+        self.k2 = k2 * t * t * (3 - 2 * t)
 
     def gradient(self, phi, i):
         """Weighted least squares over the 26 neighbours and the boundary condition, per cell width."""
@@ -245,22 +257,36 @@ class Dense:
         x_f = np.insert(c, axis, up)
         tau_i, tau_j = x_f - self.centroid[i], x_f - self.centroid[j] - step
         tau_i[axis] = tau_j[axis] = 0
-        delta = max((self.centroid[j] - self.centroid[i] + step)[axis] * step[axis], 0.25) * self.h
-        T = area * self.h**2 / (delta / 2 / self.D[i] + delta / 2 / self.D[j])
-        return T * (phi[i] + g[i] @ tau_i - phi[j] - g[j] @ tau_j)
+        delta = max((self.centroid[j] - self.centroid[i] + step)[axis] * step[axis], 0.25)
+        T = area * self.h / (delta / 2 / self.D[i] + delta / 2 / self.D[j])
+        e2 = np.mean([self.normal[self.cut[c], axis] ** 2 for c in (i, j) if c in self.cut] or [0])
+        x = delta * np.sqrt(e2 * (self.k2[i] + self.k2[j]) / 2)
+        share = self.k2[i] * self.D[i] / (self.sigma_a[i] * self.h**2)
+        near = (x_f - self.centroid[i])[axis] * step[axis]
+        self.taken[i] += share * area * e2 * (delta / 2 * sinhc(x / 2) / np.cosh(x / 2) - near)
+        return T / sinhc(x) * (phi[i] + g[i] @ tau_i - phi[j] - g[j] @ tau_j)
 
     def residual(self, phi):
         g = [self.gradient(phi, i) for i in range(len(phi))]
         out = np.empty(len(phi))
+        self.taken = self.kappa.copy()
         for i in range(len(phi)):
             out[i] = -sum(self.flux(phi, g, i, face) for face in range(6))
-            out[i] -= self.sigma_a[i] * self.kappa[i] * self.h**3 * phi[i]
             if i in self.cut:
                 k = self.cut[i]
                 n, x_B = self.normal[k], self.boundary[k, :3]
                 d = max((x_B - self.centroid[i]) @ n, 0.05)
                 p = phi[i] + g[i] @ (x_B - d * n - self.centroid[i])
-                out[i] -= self.boundary[k, 3] * self.h**2 * p / (2 * self.A + d * self.h / self.D[i])
+                x, D = d * np.sqrt(self.k2[i]), self.D[i]
+                resistance = 2 * self.A * np.cosh(x) + d * self.h / D * sinhc(x)
+                out[i] -= self.boundary[k, 3] * self.h**2 * p / resistance
+                d = max(d, 0.1)
+                x = d * np.sqrt(self.k2[i])
+                resistance = 2 * self.A * np.cosh(x) + d * self.h / D * sinhc(x)
+                depth = d * (2 * self.A * sinhc(x) + d * self.h / D / 2 * sinhc(x / 2) ** 2) / resistance - d
+                self.taken[i] += self.k2[i] * D / (self.sigma_a[i] * self.h**2) * self.boundary[k, 3] * depth
+            taken = max(self.taken[i], 0.05 * self.kappa[i])
+            out[i] -= self.sigma_a[i] * taken * self.h**3 * phi[i]
         return out
 
 

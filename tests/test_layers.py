@@ -38,6 +38,7 @@ LAYERS = {
     1.4: ["reference", "refinement", "coarsening", "leafmap"],
     2: ["octree"],
     3: ["diffusion"],
+    3.05: ["layer"],
     3.1: ["source", "anderson"],
     3.2: ["rounding"],
     4: ["arguments", "multigrid", "surface"],

@@ -5,9 +5,21 @@ from __future__ import annotations
 import cases
 import numpy as np
 import pytest
-from shapes import ROTATION, box, box_triangles, build_tree, hollow_sphere, merge_all, solid, solve, sphere
+from shapes import (
+    ROTATION,
+    box,
+    box_triangles,
+    build_tree,
+    hollow_sphere,
+    merge_all,
+    relative_rms,
+    solid,
+    solve,
+    sphere,
+)
 
 from clsss import analytic, diffusion
+from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_transmittance
 from clsss.source import Beams, light_unit, make_source
@@ -165,7 +177,7 @@ def test_deposit_in_a_sphere(double, sigma_h):
 
 def test_right_hand_side_holds_the_deposit(double):
     """b is what is deposited, over D, less the moment that the boundary passes on at once."""
-    medium = Material(0.1, 0.9, eta=1.3)
+    medium = Material(0.001, 0.999, eta=1.3)
     tree, found = source_of(double, sphere(), 24, medium, [DirectionalLight((0, 0, -1))])
     total = sum(b.get()[: level.n, 0].sum() for level, b in zip(tree.levels, found.b, strict=True))
     points, normals = boundary_points(tree)
@@ -173,7 +185,19 @@ def test_right_hand_side_holds_the_deposit(double):
     d = np.maximum(((points - centroids) * normals).sum(axis=1), 0.05 * tree.grid.h)
     area = tree.cut.boundary.get()[:, 3] * tree.grid.h**2
     passed = (area * found.moment.get()[:, 0] / (2 * fresnel_A(1.3) + d / medium.D[0])).sum()
+    assert not found.lost.any()
     assert total == pytest.approx((found.deposited[0] - passed) / medium.D[0], rel=1e-10)
+
+
+def test_right_hand_side_in_wide_cells_lacks_what_is_absorbed_on_the_way(double):
+    """As above, less the light that is absorbed before it gets to a centroid or the boundary."""
+    medium = Material(1.0, 9.0, eta=1.3)
+    tree, found = source_of(double, sphere(), 16, medium, [DirectionalLight((0, 0, -1)), Emission(1.0)])
+    layer = fitted_layer(double, tree, coefficients(double, tree, medium))
+    total = sum(b.get()[: level.n, 0].sum() for level, b in zip(tree.levels, found.b, strict=True))
+    passed = (layer.conductance * found.moment.get()[:, :3]).sum(axis=0)
+    assert (found.lost > 0.05 * found.deposited).all()
+    assert total == pytest.approx((found.deposited - found.lost - passed)[0] / medium.D[0], rel=1e-10)
 
 
 LIGHTS = {
@@ -253,7 +277,17 @@ def test_units_of_lights():
     assert light_unit([DirectionalLight((0, 0, 1), 0.0)], 10.0) == 1.0
 
 
-@pytest.mark.parametrize(("sigma_h", "albedo", "mean", "rms"), [(2.0, 0.99, 0.01, 0.015), (5.0, 0.999, 0.005, 0.01)])
+LIT_PLATES = [
+    (2.0, 0.99, 0.01, 0.015),
+    (5.0, 0.999, 0.005, 0.01),
+    (2.0, 0.9, 0.02, 0.025),
+    (5.0, 0.9, 0.02, 0.03),
+    (10.0, 0.9, 0.04, 0.05),
+    (10.0, 0.99, 0.02, 0.03),
+]
+
+
+@pytest.mark.parametrize(("sigma_h", "albedo", "mean", "rms"), LIT_PLATES)
 def test_lit_side_of_a_tilted_plate(double, sigma_h, albedo, mean, rms):
     """phi_B at the boundary centroids against the slab's exact solution."""
     size, resolution, eta = np.array([40.0, 40.0, 12.0]), 40, 1.3
@@ -268,3 +302,19 @@ def test_lit_side_of_a_tilted_plate(double, sigma_h, albedo, mean, rms):
     area = solved.tree.cut.boundary.get()[middle, 3]
     assert abs(np.average(error, weights=area)) <= mean
     assert np.sqrt(np.average(error**2, weights=area)) <= rms
+
+
+@pytest.mark.parametrize(("sigma_h", "albedo", "rms"), [(5.0, 0.99, 0.03), (5.0, 0.9, 0.05), (10.0, 0.9, 0.06)])
+def test_side_of_a_glowing_tilted_plate(double, sigma_h, albedo, rms):
+    """The same for a uniform source: sigma_a phi = 1 - C cosh(k z)."""
+    size, resolution, eta = np.array([40.0, 40.0, 12.0]), 40, 1.3
+    mesh = box(tuple(size), ROTATION)
+    sigma = sigma_h * resolution / mesh.size
+    medium = Material(sigma * (1 - albedo), sigma * albedo, eta=eta)
+    solved = solve(double, mesh, medium, [Emission(1.0)], resolution, 1e-7)
+    points, normals = boundary_points(solved.tree)
+    middle = (np.abs((points @ ROTATION)[:, :2]) < 6).all(axis=1) & (normals @ ROTATION[:, 2] > 0.99)
+    k, b = np.sqrt(medium.sigma_a / medium.D)[0], 2 * fresnel_A(eta) * medium.D[0]
+    exact = (1 - 1 / (1 + b * k * np.tanh(k * size[2] / 2))) / medium.sigma_a[0]
+    area = solved.tree.cut.boundary.get()[middle, 3]
+    assert relative_rms(solved.phi_B[middle, 0], exact, area) <= rms

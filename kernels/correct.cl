@@ -1,0 +1,94 @@
+/* correct.cl -- the second-order terms of cut cells' fluxes, and values at the boundary. */
+#include "real.h"
+#include "conductance.h"
+#include "layer.h"
+
+REAL4 along(const int c, const REAL4 d, __global const REAL4 *restrict slope) {
+    return c < 0 ? (REAL4)(0) : d.x * slope[3 * c] + d.y * slope[3 * c + 1] + d.z * slope[3 * c + 2];
+}
+
+/* phi on the inner end of the normal through x_B. */
+REAL4 value_below(const int c, const REAL4 value, const REAL d, const REAL4 n, __global const REAL4 *restrict centroid,
+                  __global const REAL4 *restrict boundary, __global const REAL4 *restrict slope) {
+    return value + along(c, boundary[c] - d * n - centroid[c], slope);
+}
+
+/* g . tau from a cell's centroid to the point x of a face across the other axis than a and b. */
+REAL4 rise_to(const int c, const int a, const int b, const REAL2 x, __global const REAL4 *restrict centroid,
+              __global const REAL4 *restrict slope) {
+    if (c < 0) return (REAL4)(0);
+    __global const REAL *restrict from = (__global const REAL *)(centroid + c);
+    return (x.x - from[a]) * slope[3 * c + a] + (x.y - from[b]) * slope[3 * c + b];
+}
+
+/* Distance [cells] of the centroids of a cell and its neighbour across face f, along the axis. */
+REAL distance_across(const int f, const int c, const int other, __global const REAL4 *restrict centroid) {
+    const REAL own = along_axis(cell_centroid(c, centroid), f >> 1);
+    const REAL far = along_axis(cell_centroid(other, centroid), f >> 1);
+    return fmax(1 + (f & 1 ? far - own : own - far), (REAL)0.25);
+}
+
+/* Add to r, on cells with an irregular face, what the gradients and fitting (layer.h) add to the two-point fluxes:
+ *     T_f (phi_j - phi_i)  ->  T_f x / sinh(x) (phi_j + g_j . tau_j - phi_i - g_i . tau_i),
+ *     and  C_B phi_i  with its clamp eased  ->  C_B (phi_i + g . (x_B - d n - x_i)).
+ */
+// cost correct_residual: 54R+6C+8M+60 B, 150 flop
+__kernel void correct_residual(const int n, const int n_cells, const REAL h, const REAL fresnel_A, MEDIUM D,
+                               MEDIUM fitted, __global const int *restrict irregular, __global const int *restrict nbr,
+                               __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
+                               __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                               __global const REAL2 *restrict face_centroid, __global const COND *restrict T,
+                               __global const REAL4 *restrict slope, __global const REAL4 *restrict x,
+                               __global REAL4 *restrict r) {
+    const int m = get_global_id(0);
+    if (m >= n) return;
+    const int i = irregular[m], c = cut_index[i];
+    const REAL4 D_i = AT(D, i), k2 = AT(fitted, i);
+    REAL4 sum = r[i];
+    for (int f = 0; f < 6; f++) {
+        const int j = nbr[6 * i + f];
+        if (j == i || j >= n_cells) continue;
+        const int other = cut_index[j];
+        if (c < 0 && other < 0) continue;
+        const int a = f < 2, b = f < 4 ? 2 : 1, low = f & 1 ? 6 * c + f : 6 * other + f + 1;
+        const REAL2 at = c >= 0 && other >= 0 ? face_centroid[low] : (REAL2)(0.5);
+        const REAL4 rise = rise_to(other, a, b, at, centroid, slope) - rise_to(c, a, b, at, centroid, slope);
+        const REAL4 k2_j = AT(fitted, j);
+        if (any_fitted(k2 + k2_j)) {
+            const REAL delta = distance_across(f, c, other, centroid);
+            const REAL4 ease = 1 / sinh_over(link_width2(k2, k2_j, delta, f >> 1, c, other, boundary, normal));
+            sum += T[6 * i + f] * (ease * rise + (ease - 1) * (x[j] - x[i]));
+        } else {
+            sum += T[6 * i + f] * rise;
+        }
+    }
+    if (c >= 0) {
+        const REAL4 nrm = unit_normal(normal[c]);
+        const REAL clamped = depth_below(centroid[c], boundary[c], nrm, 0.1);
+        const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
+        const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
+        const REAL4 x2 = depth2(k2, clamped, normal[c], boundary[c]);
+        const REAL4 own = depth2(k2, d, normal[c], boundary[c]);
+        const REAL4 flux = x[i] / resistance(x2, clamped * h, D_i, fresnel_A) -
+                           p / resistance(own, d * h, D_i, fresnel_A);
+        sum += SCALE(boundary[c].w * h * h * flux, D_i);
+    }
+    r[i] = sum;
+}
+
+/* phi_B = 2A (p + r_B) / (2A + d/D), or as fitted, r_B the source's moment between the centroid and the surface. */
+// cost boundary_value: 40R+2M+8 B, 60 flop
+__kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
+                             __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
+                             __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                             __global const REAL4 *restrict slope, __global const REAL4 *restrict moment,
+                             __global const REAL4 *restrict x, __global REAL4 *restrict phi_B) {
+    const int c = get_global_id(0);
+    if (c >= n) return;
+    const int i = cut_cell[c];
+    const REAL4 nrm = unit_normal(normal[c]);
+    const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
+    const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
+    const REAL4 x2 = depth2(AT(fitted, i), d, normal[c], boundary[c]);
+    phi_B[c] = 2 * fresnel_A * (p + cosh(sqrt(x2)) * moment[c]) / resistance(x2, d * h, AT(D, i), fresnel_A);
+}

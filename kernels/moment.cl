@@ -1,0 +1,56 @@
+/* moment.cl -- the part of a source that leaves at the boundary at once, and the right-hand side. */
+#include "real.h"
+#include "face.h"
+#include "beam.h"
+#include "conductance.h"
+#include "layer.h"
+#include "mean.h"
+#include "carried.h"
+
+/* First moment of the source between centroid and surface,
+ *     r_B = (d/D) s (-omega . n) (a (F_B - LM(F_B, F_i)) - 3 D g sigma_s LM(F_B, F_i)),
+ * s = tanh(x)/x and the near end's mean where the depth is fitted (layer.h), and the part 3 D q1 . n that the boundary
+ * condition needs (wall). */
+// cost moment: 30R+4M+8 B, 60 flop
+__kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light, MEDIUM D, MEDIUM sigma_a,
+                     MEDIUM sigma_s, MEDIUM fitted,
+                     __global const int *restrict position, __global const int *restrict cut_cell,
+                     __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
+                     __global const REAL4 *restrict normal, __global const REAL4 *restrict F_B,
+                     __global const REAL4 *restrict F, __global REAL4 *restrict r_B, __global REAL4 *restrict wall) {
+    const int c = get_global_id(0);
+    if (c >= n) return;
+    const int i = cut_cell[c];
+    const REAL4 nrm = unit_normal(normal[c]);
+    REAL4 p = convert_REAL4(vload4(i, position)) + boundary[c];
+    p.w = 0;
+    const REAL d = h * depth_below(centroid[c], boundary[c], nrm, 0.05);
+    const REAL4 x2 = depth2(AT(fitted, i), d / h, normal[c], boundary[c]);
+    const REAL4 s = any_fitted(x2) ? sinh_over(x2) / cosh(sqrt(x2)) : (REAL4)(1);
+    const REAL4 mean = near_mean(F_B[c], F[i], x2);
+    const REAL inward = dot(beam_at(light, p).towards.xyz, nrm.xyz);
+    const REAL4 first = -inward * 3 * g * AT(D, i) * AT(sigma_s, i) * mean;
+    r_B[c] += d / AT(D, i) * s * (inward * albedo(sigma_a, sigma_s, i) * (F_B[c] - mean) + first);
+    wall[c] += first;
+}
+
+/* Right-hand side in the operator's scale, b = Q, less C_B r_B at the boundary. */
+// cost right_hand_side: 8R+1M B, 4 flop
+__kernel void right_hand_side(const int n, MEDIUM D, __global const REAL4 *restrict Q, __global REAL4 *restrict b) {
+    const int i = get_global_id(0);
+    if (i < n) b[i] = SCALE(Q[i], AT(D, i));
+}
+
+// cost subtract_moment: 28R+2M+4 B, 20 flop
+__kernel void subtract_moment(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
+                              __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
+                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                              __global const REAL4 *restrict r_B, __global REAL4 *restrict b) {
+    const int c = get_global_id(0);
+    if (c >= n) return;
+    const int i = cut_cell[c];
+    const REAL4 D_i = AT(D, i);
+    const REAL d = depth_below(centroid[c], boundary[c], unit_normal(normal[c]), 0.05);
+    const REAL4 x2 = depth2(AT(fitted, i), d, normal[c], boundary[c]);
+    b[i] -= SCALE(boundary[c].w * h * h * r_B[c] / resistance(x2, d * h, D_i, fresnel_A), D_i);
+}
