@@ -102,7 +102,7 @@ def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np
 def _blend(share: sparse.csr_matrix, points: np.ndarray, normals: np.ndarray) -> sparse.csr_matrix:
     centres, facing = share @ points, share @ normals
     k = min(NEAREST, len(centres))
-    distance, near = cKDTree(centres).query(points, k=k)
+    distance, near = cKDTree(centres).query(points, k=k, workers=-1)
     distance, near = distance.reshape(-1, k), near.reshape(-1, k)
     reach = distance[:, -1:] * (1 + 1e-9) + 1e-300
     alike = np.maximum(1e-6, np.einsum("nd,nkd->nk", normals, facing[near]))
