@@ -101,6 +101,10 @@ class Beams:
         self.moment, self.wall = device.zeros((n_cut, CHANNELS)), device.zeros((n_cut, CHANNELS))
         self.lost = device.zeros((n_cut, CHANNELS))
         self.incident = np.zeros(3)
+        brick = octree.brick.get()
+        order = brick[(brick >= 0) & (brick & 15 == 0)] >> 4
+        cut_order = octree.cut_index.get()[order]
+        self._order, self._cut_order = device.array(order), device.array(cut_order[cut_order >= 0])
         self._F = Field(device, octree)
         self._F_B = device.empty((n_cut, CHANNELS))
         self._body = (*octree.body, *extinction(device, octree, medium))
@@ -130,12 +134,13 @@ class Beams:
         cells = device.kernel("attenuate", "beam_in_cells", *defines)
         for k, level in enumerate(octree.levels):
             device.run(cells, -(-level.n // device.lanes), level.n, level.depth, octree.grid.h, eta, where, strength,
-                       *self._body, level.position, level.is_leaf, self._F[k])  # fmt: skip
+                       *self._body, None if level.depth else self._order, level.position, level.is_leaf,
+                       self._F[k])  # fmt: skip
             if level.n_ghost:
                 self._copy_ghosts(k)
         kernel = device.kernel("attenuate", "beam_at_boundary", *defines)
         device.run(kernel, -(-cut.n // device.lanes), cut.n, octree.grid.h, eta, where, strength, *self._body,
-                   finest.position, cut.cell, self._F_B)  # fmt: skip
+                   self._cut_order, finest.position, cut.cell, self._F_B)  # fmt: skip
 
     def _shade(self, light: DirectionalLight | PointLight) -> None:
         """No light where a blocker stands before it."""
