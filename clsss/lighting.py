@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,15 +29,17 @@ from clsss.source import Source, light_unit, make_source, subtract_moment
 from clsss.sparsematrix import SparseMatrix
 
 Progress = Callable[[str, float], None]
+PASSAGES = 2  # between parts of the surface that a cycle anticipates
 
 
 class Transport(NamedTuple):
-    """The matrices of an `Exchange`, on the device."""
+    """The matrices of an `Exchange`, and the albedo of its patches, on the device."""
 
     share: SparseMatrix
     blend: SparseMatrix
     arriving: SparseMatrix
     entering: SparseMatrix
+    albedo: Buffer
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +64,9 @@ class Scene:
         """The exchange's matrices on the device."""
         assert self.exchange is not None
         matrices = (self.exchange.share, self.exchange.blend, self.exchange.arriving, self.exchange.entering)
-        return Transport(*(SparseMatrix(self.device, matrix) for matrix in matrices))
+        share, blend, arriving, entering = (SparseMatrix(self.device, matrix) for matrix in matrices)
+        albedo = self.device.array(channels(patch_albedo(self.exchange, self.octree, self.medium)))
+        return Transport(share, blend, arriving, entering, albedo)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +112,31 @@ def boundary_flux(residual: Residual, phi: Field, moment: Buffer) -> np.ndarray:
     return phi_B.get()[:, :3].astype(float) / (2 * residual.op.medium.fresnel_A)
 
 
+def patch_albedo(exchange: Exchange, octree: Octree, medium: Coefficients) -> np.ndarray:
+    """Share (p, 3) of the light arriving at each patch that will come out of it again, as if that were a half space.
+
+    Light that has come from a distance d varies over about d along the surface, so phi ~ exp(i x / d - kappa depth)
+    with kappa^2 = sigma_eff^2 + 1 / d^2; what does not come out where it enters has gone astray.
+    """
+    cut = octree.cut.cell.get()
+    D, sigma_a = (
+        np.broadcast_to(values.tolist(), (len(cut), CHANNELS)) if medium.homogeneous else values.get()[cut]
+        for values in (medium.D[-1], medium.sigma_a[-1])
+    )
+    D, sigma_a = exchange.share @ D[:, :3].astype(float), exchange.share @ sigma_a[:, :3].astype(float)
+    inward = np.sqrt(D * (sigma_a + D * exchange.nearness[:, None] ** 2))
+    everywhere = np.ones((len(exchange.nearness), 1))
+    entering = exchange.entering @ everywhere / np.maximum(exchange.arriving @ everywhere, 1e-300)
+    return 1 - np.minimum(1, entering * exchange.gain * inward / (1 + 2 * medium.fresnel_A * inward))
+
+
 class Interreflection:
     """What parts of the surface send to one another, as a part of the right-hand side (a `Follower`).
 
-    Its state is B (p, 3), all light that leaves each patch: B <- J.n + F B.
+    Its state is B (p, 3), all light that leaves each patch: B <- J.n + F B. J.n is of a solution that has not
+    answered to that B yet; a cycle later it will have given back most of what is new. So each step goes on by
+    some passages B <- J.n + F B_last + albedo F (B - B_last), of which a predicted `albedo` comes out again: it
+    changes the way to the solution, not the solution.
     """
 
     def __init__(self, scene: Scene, source: Source, phi: Field):
@@ -118,20 +144,22 @@ class Interreflection:
         self.scene, self.exchange, self.r_B, device = scene, scene.exchange, source.moment, scene.device
         n = scene.exchange.share.shape[0]
         self.state = np.zeros((n, 3))
-        self._last, self._next, self._arriving = (device.empty((n, CHANNELS)) for _ in range(3))
+        self._last, self._next, self._arriving, self._held = (device.zeros((n, CHANNELS)) for _ in range(4))
+        self._passages = [self._next, *(device.empty((n, CHANNELS)) for _ in range(PASSAGES))]
         self._moment, self._phi_B = device.empty(self.r_B.shape), device.empty(self.r_B.shape)
+        self._anticipate = device.kernel("exchange", "anticipate")
         self._update = device.capture(lambda: self._enqueue_update(phi))
-        self._held = np.zeros((n, 3))
 
     def hold(self, phi: Field) -> None:
         """From now on count the solution from a complete `phi`."""
-        self._held = self.exchange.share @ boundary_flux(self.scene.multigrid.residual, phi, self.r_B)
+        flux = boundary_flux(self.scene.multigrid.residual, phi, self.r_B)
+        self._held.set(channels(self.exchange.share @ flux))
         self._set_aside = self.r_B.get()
         self.r_B.fill(0)
 
     def release(self) -> None:
         """Count from zero again."""
-        self._held[:] = 0
+        self._held.fill(0)
         self.r_B.set(self._set_aside)
 
     def _enter(self, B: Buffer, plus: Buffer | None) -> None:
@@ -144,14 +172,18 @@ class Interreflection:
         transport, residual = self.scene.transport, self.scene.multigrid.residual
         self._enter(self._last, self.r_B)
         residual.take_boundary_value(phi, self._moment, self._phi_B)
-        transport.arriving.multiply(1, self._last, self._arriving)
+        transport.arriving.multiply(1, self._last, self._arriving, self._held)
         transport.share.multiply(1 / (2 * self.scene.medium.fresnel_A), self._phi_B, self._next, self._arriving)
+        n, rows = transport.arriving.n, transport.arriving.rows
+        for before, after in itertools.pairwise(self._passages):
+            self.scene.device.run(self._anticipate, n, n, *rows, transport.albedo, self._last, self._next, before,
+                                  after)  # fmt: skip
 
     def update(self) -> float:
         """One step of the exchange; how far B moved, relative to its size."""
         self._last.set(channels(self.state))
         self._update()
-        last, self.state = self.state, self._held + self._next.get()[:, :3]
+        last, self.state = self.state, self._passages[-1].get()[:, :3].astype(float)
         self._next.set(channels(self.state))
         size = np.linalg.norm(self.state, axis=0)
         return float((np.linalg.norm(self.state - last, axis=0) / np.where(size > 0, size, 1)).max())

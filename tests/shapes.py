@@ -58,6 +58,15 @@ def hollow_sphere(radius: float = 10.0, cavity: float = 5.0) -> Mesh:
     return solid(np.concatenate([sphere_triangles(radius), sphere_triangles(cavity)[:, ::-1]]))
 
 
+def flask() -> Mesh:
+    """A bowl that closes to a narrow mouth: light inside meets the wall many times."""
+    polar = np.linspace(-0.5, 0.44, 40) * np.pi
+    arc = np.column_stack([np.cos(polar), np.sin(polar)])
+    profile = np.vstack([10 * arc, 7 * arc[::-1]])
+    profile[[0, -1], 0] = 0
+    return solid(trimesh.creation.revolve(profile, sections=48).triangles)
+
+
 def pulley(gap: float = 0.8) -> Mesh:
     """A wheel with a groove that is narrow and deep: one body whose parts nearly touch."""
     rim = np.array([(3, -1.5), (9, -1.5), (9, -gap / 2), (5, -gap / 2), (5, gap / 2), (9, gap / 2), (9, 1.5), (3, 1.5)])
