@@ -220,6 +220,17 @@ def _irregular(device: Device, octree: Octree) -> Buffer:
     return device.array(np.flatnonzero(flag[:n]).astype(np.int32))
 
 
+def _centred(device: Device, octree: Octree) -> list[Buffer]:
+    """Which cells of each level but the finest have their value at their centre: all but those over cut cells."""
+    whole, found = octree.cut_index.get() < 0, []
+    for level in octree.levels[-2::-1]:
+        assert level.child is not None
+        child = level.child.get()
+        whole = level.leaf | ((child >= 0) & whole[child]).all(axis=1)
+        found.insert(0, device.array(whole.astype(np.uint8)))
+    return found
+
+
 class Residual:
     """Residual of the second-order operator over all leaves, r = Q - A_h phi.
 
@@ -240,6 +251,7 @@ class Residual:
         d = op.medium.defines
         self._average = device.kernel("restrict", "average", *d)
         self._carry = device.kernel("prolong", "carry_ghosts")
+        self._centred = _centred(device, op.octree)
         self._residual = device.kernel("residual", "residual", *d)
         self._of_leaves = device.kernel("residual", "residual_of_leaves", *d)
         self._reflux = device.kernel("residual", "reflux", *d)
@@ -258,7 +270,7 @@ class Residual:
             coarse = levels[k]
             m = coarse.interface.shape[0]
             run(self._carry, m, m, coarse.n, fine.n, coarse.interface, coarse.interface_start, coarse.nbr,
-                fine.ghost_face, fine.position, phi[k], phi[k + 1])  # fmt: skip
+                self._centred[k], fine.ghost_face, fine.position, phi[k], phi[k + 1])  # fmt: skip
         octree, cut, finest = op.octree, op.octree.cut, levels[-1]
         run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.around, cut.cell,
             octree.cut_index, cut.centroid, cut.boundary, cut.normal, op.inverse, self.wall, phi[-1],

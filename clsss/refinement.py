@@ -16,9 +16,9 @@ from scipy import ndimage
 
 from clsss.cutcell import Grid
 
-SURFACE_LAYERS = 2  # finest-level blocks kept around a cut cell, in widths of the next level
+SURFACE_LAYERS = 1  # finest cells kept around a cut cell
 BAND = 6  # width of every band of one level, in cells of the next coarser: glowing bodies need them inside
-SOURCE_VARIATION = 0.3  # greatest change of the incident light over a leaf, relative to its value at the surface
+SOURCE_VARIATION = 0.5  # greatest change of the incident light over a leaf, relative to its value at the surface
 SIGMA_VARIATION = 0.1  # greatest (max - min) / (max + min) of sigma_tr over a leaf
 
 Refine = Callable[[np.ndarray, float, np.ndarray], np.ndarray]
@@ -55,7 +55,7 @@ def _dilate(mask: np.ndarray, layers: int) -> np.ndarray:
 def split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Refine) -> list[np.ndarray]:
     """Which cells of each level are replaced by finer ones, 2:1 balanced with diagonals."""
     split: list[np.ndarray] = []
-    near = _dilate(pool(cut), SURFACE_LAYERS)
+    near = pool(_dilate(cut, SURFACE_LAYERS))
     layers = ndimage.distance_transform_cdt(~pool(cut), "chessboard")
     for level in range(len(has) - 2, -1, -1):
         h = grid.h * 2 ** (len(has) - 1 - level)

@@ -101,8 +101,9 @@ def test_prolongation_keeps_constants(small):
         np.testing.assert_allclose(prolonged(small, k, np.ones((small.op.octree.levels[k - 1].n, 4))), 1, rtol=1e-13)
 
 
-def test_prolongation_keeps_linear_fields_inside(small):
+def test_prolongation_keeps_linear_fields_inside(double):
     """Where a cell's neighbours and theirs are full, the weights are those of linear interpolation."""
+    small = multigrid_for(double, sphere(), MATERIAL, 40, refine=None)
     tree = small.op.octree
     coarse, fine = tree.levels[-2], tree.finest
     slope = np.array([1.0, -2.0, 0.5])
