@@ -86,7 +86,7 @@ def pipeline(device: Recorder, cells: int, medium: Any, adaptive: bool) -> tuple
     """Everything that a bake runs on the device; the multigrid and a right-hand side."""
     mesh = problems.round_ball(RADIUS, 6)
     grid = cutcell.make_grid(mesh.bounds, cells)
-    refine = varies(partial(sigma_tr_of, medium), medium.homogeneous) if adaptive else None
+    refine = varies(medium) if adaptive else None
     tree = octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
     sampled = diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
     mg = Multigrid(device, diffusion.make_operator(device, tree, sampled))
@@ -97,12 +97,6 @@ def pipeline(device: Recorder, cells: int, medium: Any, adaptive: bool) -> tuple
     fluence_at(device, tree, phi_B, mesh.vertices, mesh.normals)
     device.finish()
     return mg, found.b
-
-
-def sigma_tr_of(medium: Any, points: np.ndarray) -> np.ndarray:
-    """sigma_a + (1 - g) sigma_s (n, 3) [1/mm], what the octree's criteria look at."""
-    sigma_a, sigma_s = medium.coefficients(points)
-    return sigma_a + (1 - medium.g) * sigma_s
 
 
 def touched(launch: Launch) -> int:

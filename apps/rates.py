@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,16 +39,10 @@ class Bench:
         """The discrete equation in a solid."""
         device = device or self.device
         grid = cutcell.make_grid(mesh.bounds, resolution)
-        refine = varies(partial(sigma_tr_of, medium), medium.homogeneous) if adaptive else None
+        refine = varies(medium) if adaptive else None
         tree = octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
         sampled = diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
         return Multigrid(device, diffusion.make_operator(device, tree, sampled))
-
-
-def sigma_tr_of(medium: Any, points: np.ndarray) -> np.ndarray:
-    """sigma_a + (1 - g) sigma_s (n, 3) [1/mm], what the octree's criteria look at."""
-    sigma_a, sigma_s = medium.coefficients(points)
-    return sigma_a + (1 - medium.g) * sigma_s
 
 
 class TwoPoint(Residual):

@@ -222,7 +222,8 @@ def _irregular(device: Device, octree: Octree) -> Buffer:
 
 def _centred(device: Device, octree: Octree) -> list[Buffer]:
     """Which cells of each level but the finest have their value at their centre: all but those over cut cells."""
-    whole, found = octree.cut_index.get() < 0, []
+    whole = octree.cut_index.get() < 0
+    found: list[Buffer] = []
     for level in octree.levels[-2::-1]:
         assert level.child is not None
         child = level.child.get()

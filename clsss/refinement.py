@@ -10,15 +10,16 @@ Haber et al. 2005, section 3.2.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
 from clsss.cutcell import Grid
 
-SURFACE_LAYERS = 1  # finest cells kept around a cut cell
 BAND = 6  # width of every band of one level, in cells of the next coarser: glowing bodies need them inside
-SOURCE_VARIATION = 0.5  # greatest change of the incident light over a leaf, relative to its value at the surface
+SOURCE_VARIATION = 0.3  # greatest change of the incident light over a leaf, relative to its value at the surface
+DIFFUSION_LENGTHS = 0.5  # widest leaf
 SIGMA_VARIATION = 0.1  # greatest (max - min) / (max + min) of sigma_tr over a leaf
 
 Refine = Callable[[np.ndarray, float, np.ndarray], np.ndarray]
@@ -38,6 +39,18 @@ def pool(mask: np.ndarray) -> np.ndarray:
     return _pool_max(mask)
 
 
+def _pool_around(mask: np.ndarray) -> np.ndarray:
+    """Whether any of the 64 cells within and around each cell of the next coarser grid is set."""
+    mask = np.pad(mask, [(0, n % 2) for n in mask.shape])
+    for axis in range(3):
+        pairs = np.moveaxis(mask, axis, 0)
+        around = pairs[::2] | pairs[1::2]
+        around[1:] |= pairs[1:-1:2]
+        around[:-1] |= pairs[2::2]
+        mask = np.moveaxis(around, 0, axis)
+    return mask
+
+
 def spread(mask: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Each cell's value on its eight children."""
     for axis in range(3):
@@ -55,13 +68,13 @@ def _dilate(mask: np.ndarray, layers: int) -> np.ndarray:
 def split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Refine) -> list[np.ndarray]:
     """Which cells of each level are replaced by finer ones, 2:1 balanced with diagonals."""
     split: list[np.ndarray] = []
-    near = pool(_dilate(cut, SURFACE_LAYERS))
+    near = _pool_around(cut)
     layers = ndimage.distance_transform_cdt(~pool(cut), "chessboard")
     for level in range(len(has) - 2, -1, -1):
         h = grid.h * 2 ** (len(has) - 1 - level)
         open_cells = np.argwhere(has[level] & ~near)
         centres = grid.origin + (open_cells[:, ::-1] + 0.5) * h
-        depth = 2 * grid.h * np.maximum(0, layers[tuple(open_cells.T)] - 1.0)
+        depth = 2.0 * grid.h * layers[tuple(open_cells.T)]
         again = open_cells[refine(centres, h, depth)]
         near[tuple(again.T)] = True
         split.insert(0, has[level] & near)
@@ -70,18 +83,17 @@ def split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Refi
     return split
 
 
-def varies(sigma_tr: Callable[[np.ndarray], np.ndarray], homogeneous: bool) -> Refine:
-    """The two criteria of the paper: a leaf is too wide where the source or sigma_tr changes much over it.
+def varies(medium: Any) -> Refine:
+    """The criteria of the paper, and one of the diffusion: where a leaf is too wide.
 
-    Incident light from outside falls by sigma_tr h exp(-sigma_tr depth) over a leaf, relative to its value at the
-    surface, whatever the lights: the octree outlives them.
+    Where the source changes much over it: incident light from outside falls by sigma_tr h exp(-sigma_tr depth),
+    relative to its value at the surface, whatever the lights: the octree outlives them. Where sigma_tr does. And where
+    it is wide against the diffusion length 1 / sqrt(3 sigma_a sigma_tr), over which phi decays.
 
     Parameters
     ----------
-    sigma_tr : callable
-        Transport coefficient (n, 3) [1/mm] at points (n, 3) [mm].
-    homogeneous : bool
-        Whether it is the same everywhere.
+    medium : Material, Mix or Grid
+        By its coefficients [1/mm].
 
     Returns
     -------
@@ -94,13 +106,18 @@ def varies(sigma_tr: Callable[[np.ndarray], np.ndarray], homogeneous: bool) -> R
     """
     corners = np.stack(np.meshgrid(*[(-0.25, 0.25)] * 3), axis=-1).reshape(-1, 3)
 
+    def absorption_and_transport(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        sigma_a, sigma_s = medium.coefficients(points)
+        return sigma_a, sigma_a + (1 - medium.g) * sigma_s
+
     def refine(centres: np.ndarray, h: float, depth: np.ndarray) -> np.ndarray:
         if not len(centres):
             return np.zeros(0, bool)
-        at = sigma_tr(centres[:1] if homogeneous else centres)
-        split = (at * h * np.exp(-at * depth[:, None]) > SOURCE_VARIATION).any(axis=1)
-        if not homogeneous:
-            samples = np.stack([sigma_tr(centres + h * corner) for corner in corners])
+        sigma_a, sigma_tr = absorption_and_transport(centres[:1] if medium.homogeneous else centres)
+        split = (sigma_tr * h * np.exp(-sigma_tr * depth[:, None]) > SOURCE_VARIATION).any(axis=1)
+        split |= (np.sqrt(3 * sigma_a * sigma_tr) * h > DIFFUSION_LENGTHS).any(axis=1)
+        if not medium.homogeneous:
+            samples = np.stack([absorption_and_transport(centres + h * corner)[1] for corner in corners])
             low, high = samples.min(axis=0), samples.max(axis=0)
             split |= (high - low > SIGMA_VARIATION * (high + low)).any(axis=1)
         return split

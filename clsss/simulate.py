@@ -22,7 +22,7 @@ from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
 from clsss.materials import fresnel_A
 from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
 from clsss.multigrid import Multigrid
-from clsss.refinement import Refine, varies
+from clsss.refinement import varies
 from clsss.report import account
 from clsss.single import DEPTHS, SingleScattering
 from clsss.surface import values_at
@@ -208,7 +208,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         samples = cutcell.sample_surface(dev, grid, mesh)
         dev.finish()
     with timed("octree", seconds, tell):
-        tree = octree.build(dev, grid, samples, _criteria(medium) if adaptive else None)
+        tree = octree.build(dev, grid, samples, varies(medium) if adaptive else None)
         del samples
         if tree.n_leaves == 0:
             raise InputError(
@@ -253,14 +253,6 @@ def _at_surface(scene: Scene, solution: Solution, first: Buffer, second: Buffer,
     """Two fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
     fitted = values_at(scene.device, scene.octree, first, second, points, normals)
     return [np.maximum(values, 0) * solution.unit for values in fitted]
-
-
-def _criteria(medium: Any) -> Refine:
-    def sigma_tr(points: np.ndarray) -> np.ndarray:
-        sigma_a, sigma_s = medium.coefficients(points)
-        return sigma_a + (1 - medium.g) * sigma_s
-
-    return varies(sigma_tr, medium.homogeneous)
 
 
 def _reporter(progress: bool | Progress | None) -> Progress:
