@@ -38,7 +38,8 @@ class Cells:
     more : (m, 3) int32
         Further neighbours: cell, face, neighbour; sorted.
     surface : (n,) bool
-        Whether a cell holds part of the surface. Such cells are never next to leaves of coarser levels.
+        Whether a cell holds part of the surface. Such cells are never next to leaves of coarser levels; next to leaves
+        of their own width a block of them has one part only, since no child there is cut.
     shares : (n,) bool
         Whether other cells lie in the same block.
     """
@@ -110,7 +111,7 @@ def coarsen(fine: Cells, shape: tuple[int, ...], ijk: np.ndarray, leaf: np.ndarr
     leaf = np.concatenate([leaf, np.zeros(len(block), bool)])[order]
     surface = np.zeros(len(order), bool)
     surface[parent[fine.surface]] = True
-    nbr, more = _link(fine, parent, surface, _by_position(ijk, index))
+    nbr, more = _link(fine, parent, surface, leaf, _by_position(ijk, index))
     start = (0, n_red + int((block < n_red).sum()), len(order))
     return Cells(ijk, leaf, start, index, nbr, more, surface, shares[order]), parent
 
@@ -157,16 +158,21 @@ def _by_position(ijk: np.ndarray, index: np.ndarray) -> np.ndarray:
     return nbr
 
 
-def _link(fine: Cells, parent: np.ndarray, surface: np.ndarray, nbr: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Neighbours of coarse cells, where they hold surface those that finer open faces lead to; and further ones."""
+def _link(fine: Cells, parent: np.ndarray, surface: np.ndarray, leaf: np.ndarray,
+          nbr: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Neighbours of coarse cells, where they hold surface those that finer open faces lead to; and further ones.
+
+    Finer cells that miss a neighbour where a leaf of the coarse level is face that leaf.
+    """
     rows = np.flatnonzero(surface[parent])
     upper = (fine.ijk[rows] & 1).astype(bool)
     links = []
     for face in range(6):
         i = rows[upper[:, face >> 1] == (face & 1)]
-        j = fine.nbr[i, face]
-        i, j = i[j >= 0], j[j >= 0]
-        links.append(np.stack([parent[i], np.full(len(i), face, np.int32), parent[j]], axis=1))
+        j, by_position = fine.nbr[i, face], nbr[parent[i], face]
+        beyond = np.where(j >= 0, parent[j], np.where((by_position >= 0) & leaf[by_position], by_position, -1))
+        i, beyond = i[beyond >= 0], beyond[beyond >= 0]
+        links.append(np.stack([parent[i], np.full(len(i), face, np.int32), beyond], axis=1))
     a, face, b = fine.more.T
     links.append(np.stack([parent[a], face, parent[b]], axis=1)[parent[a] != parent[b]])
     link = np.concatenate(links)

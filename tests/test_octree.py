@@ -160,6 +160,12 @@ def test_many_specks_share_cells_of_the_coarsest_level(single):
     assert levels[1].n >= len(at) > DENSE
 
 
+def test_leaves_face_one_cell_of_their_width_at_most(tree):
+    """Parts of a split block that face one leaf hang together along it: no child next to a leaf is cut."""
+    for level in tree.levels:
+        assert not level.leaf[level.junction_face.get() // 6].any()
+
+
 def test_parents_of_ghosts_are_leaves(tree):
     for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
         parent = fine.parent.get()[fine.n : fine.n + fine.n_ghost]

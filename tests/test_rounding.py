@@ -73,18 +73,27 @@ def test_what_rounding_leaves_is_foretold(double, single, medium, lights):
 @pytest.mark.parametrize("make", [sphere, close_balls], ids=["sphere", "close-balls"])
 @pytest.mark.parametrize("refine", [{}, {"refine": None}], ids=["octree", "uniform"])
 def test_single_precision_reaches_any_tolerance_a_user_asks_for(double, single, medium, make, refine):
-    """1e-4 to 1e-6 of |Q|, though the rounded solution's own residual is above; the solution is the right one."""
-    mg, b, exact = problem(double, make(), medium, [SUN], 48, **refine)
-    assert mg.solve(b, exact, 1e-10).converged
-    exact = on_leaves(mg, exact)
+    """1e-4 to 1e-6 of |Q|, though the rounded solution's own residual is above; the solution is the right one.
+
+    In every cell where both precisions solve for the same source. Sources differ where a ray runs along the edge
+    between two cut cells and takes the transmittance of either, as it may from the centre of a coarse leaf, which is a
+    corner of the finest grid: one leaf of the sphere, by .2 %.
+    """
     mg, b, phi = problem(single, make(), medium, [SUN], 48, **refine)
+    exact_mg, exact_b, exact_phi = problem(double, make(), medium, [SUN], 48, **refine)
+    assert exact_mg.solve(exact_b, exact_phi, 1e-10).converged
+    of_own_source = on_leaves(exact_mg, exact_phi)
+    exact_b.whole.set(b.whole.get())
+    exact_mg.residual.wall.set(mg.residual.wall.get())
+    assert exact_mg.solve(exact_b, exact_phi, 1e-10).converged
+    exact = on_leaves(exact_mg, exact_phi)
     for tolerance in (1e-4, 1e-6):
         phi.whole.fill(0)
         done = mg.solve(b, phi, tolerance)
         assert done.converged
         assert done.residuals[-1].max() <= tolerance
-    assert np.abs(on_leaves(mg, phi) - exact).max() <= 5e-5 * np.abs(exact).max()
-    assert np.linalg.norm(on_leaves(mg, phi) - exact) <= 1e-5 * np.linalg.norm(exact)
+    assert np.abs(on_leaves(mg, phi) - exact).max() <= 5e-6 * np.abs(exact).max()
+    assert np.linalg.norm(on_leaves(mg, phi) - of_own_source) <= 2e-6 * np.linalg.norm(of_own_source)
 
 
 def test_it_takes_no_more_cycles_than_double_precision(double, single):
