@@ -128,7 +128,8 @@ def media(bench: Bench) -> Iterator[Row]:
 def orders(bench: Bench) -> Iterator[Row]:
     """Errors and orders on spheres with exact solutions."""
     eta = 1.1263  # A = 1.5
-    glowing = problems.uniform_source((20, 200, 200), (0.01, 0.001, 0.01), eta)
+    diameters, absorbed = (20, 200, 200), (0.01, 0.001, 0.01)
+    glowing = problems.uniform_source(diameters, absorbed, eta)
     cases = [
         ("uniform source", glowing, ("diameter 20", "diameter 200", "diameter 200, sigma_a .01")),
         ("variable D", problems.manufactured(), ("",)),
@@ -150,14 +151,22 @@ def orders(bench: Bench) -> Iterator[Row]:
                 if not bench.quick:
                     finest = table[128][what][channel]
                     yield Row(f"{title}: order from 64 to 128", np.log2(fine / finest), at_least=True)
-    merged = bench.curves["orders"]["octree"] = {n: errors(bench, glowing, n, True) for n in resolutions}
+    for channel, label in enumerate(cases[0][2]):
+        alone = problems.uniform_source((diameters[channel],) * 3, (absorbed[channel],) * 3, eta)
+        yield from merged(bench, f"uniform source {label}", alone, channel, resolutions)
+
+
+def merged(bench: Bench, label: str, exact: problems.Exact, channel: int,
+           resolutions: tuple[int, ...]) -> Iterator[Row]:  # fmt: skip
+    """The octree of one channel's medium alone (the densest decides for all) against the uniform grid's errors."""
+    tables = bench.curves["orders"]
+    table = {n: errors(bench, exact, n, True) for n in resolutions}
+    tables.setdefault("octree", table)
     for n in resolutions[2:]:
-        uniform = bench.curves["orders"]["uniform source"][n]
-        yield Row(f"octree {n}: leaves over uniform", float((merged[n]["leaves"] / uniform["leaves"])[0]))
-        for channel, label in enumerate(cases[0][2]):
-            for what, bar in (("surface L2", 1.2), ("vertex L2", None), ("phi L2", None)):
-                title = f"octree {n}, uniform source {label}, {what} over uniform"
-                yield Row(title, merged[n][what][channel] / uniform[what][channel], bar)
+        uniform = tables["uniform source"][n]
+        yield Row(f"octree {n}, {label}: leaves over uniform", float(table[n]["leaves"][0] / uniform["leaves"][0]))
+        for what, bar in (("surface L2", 1.2), ("vertex L2", None), ("phi L2", None)):
+            yield Row(f"octree {n}, {label}, {what} over uniform", table[n][what][0] / uniform[what][channel], bar)
 
 
 def plates(bench: Bench) -> Iterator[Row]:

@@ -1,8 +1,8 @@
 """The adaptive octree, flattened: one frozen `Level` of arrays per level, level 0 the coarsest.
 
-Cut cells and some layers around them lie on the finest level; inside, cells merge where the light varies
-slowly. Every level holds the cells of its width: leaves, and covered cells that finer ones replace (they carry
-the corrections of multigrid). Cells are sorted by colour, then z, y, x, so that one colour is contiguous.
+Cut cells and all around them lie on the finest level; inside, cells merge where the light varies slowly. Every
+level holds the cells of its width: leaves, and covered cells that finer ones replace (they carry the corrections of
+multigrid). Cells are sorted by colour, then z, y, x, so that one colour is contiguous.
 
 References
 ----------
