@@ -19,7 +19,7 @@ from clsss.cutcell import Grid
 
 BAND = 6  # width of every band of one level, in cells of the next coarser: glowing bodies need them inside
 SOURCE_VARIATION = 0.3  # greatest change of the incident light over a leaf, relative to its value at the surface
-DIFFUSION_LENGTHS = 0.5  # widest leaf
+DIFFUSION_LENGTHS = 0.25  # widest leaf at the surface; deeper, its square grows as phi decays
 SIGMA_VARIATION = 0.1  # greatest (max - min) / (max + min) of sigma_tr over a leaf
 
 Refine = Callable[[np.ndarray, float, np.ndarray], np.ndarray]
@@ -88,7 +88,8 @@ def varies(medium: Any) -> Refine:
 
     Where the source changes much over it: incident light from outside falls by sigma_tr h exp(-sigma_tr depth),
     relative to its value at the surface, whatever the lights: the octree outlives them. Where sigma_tr does. And where
-    it is wide against the diffusion length 1 / sqrt(3 sigma_a sigma_tr), over which phi decays.
+    it is wide against the diffusion length 1 / k, k^2 = 3 sigma_a sigma_tr: second-order errors, (k h)^2 of what is
+    left of phi's layer below the surface, exp(-k depth).
 
     Parameters
     ----------
@@ -114,8 +115,9 @@ def varies(medium: Any) -> Refine:
         if not len(centres):
             return np.zeros(0, bool)
         sigma_a, sigma_tr = absorption_and_transport(centres[:1] if medium.homogeneous else centres)
-        split = (sigma_tr * h * np.exp(-sigma_tr * depth[:, None]) > SOURCE_VARIATION).any(axis=1)
-        split |= (np.sqrt(3 * sigma_a * sigma_tr) * h > DIFFUSION_LENGTHS).any(axis=1)
+        k, depth = np.sqrt(3 * sigma_a * sigma_tr), depth[:, None]
+        split = (sigma_tr * h * np.exp(-sigma_tr * depth) > SOURCE_VARIATION).any(axis=1)
+        split |= ((k * h) ** 2 * np.exp(-k * depth) > DIFFUSION_LENGTHS**2).any(axis=1)
         if not medium.homogeneous:
             samples = np.stack([absorption_and_transport(centres + h * corner)[1] for corner in corners])
             low, high = samples.min(axis=0), samples.max(axis=0)
