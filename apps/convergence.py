@@ -219,7 +219,7 @@ def beams(bench: Bench) -> Iterator[Row]:
             error = values[lit, channel] / (entering * exact.phi(0.0)) - 1
             mean, rms = np.average(error, weights=area), np.sqrt(np.average(error**2, weights=area))
             label = f"lit plate, sigma_tr h {depth}, albedo {albedo}"
-            bar = 0.02 if depth <= 5 and albedo >= 0.99 else None
+            bar = 0.02 if depth <= 5 and albedo >= 0.99 else 0.05
             yield Row(f"{label}: |mean error| of the lit side", abs(mean), bar)
             yield Row(f"{label}: rms error of the lit side", rms)
             bench.curves.setdefault("beams", []).append((depth, albedo, mean, rms))

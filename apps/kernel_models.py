@@ -31,7 +31,8 @@ def _outflow(a: Arguments, x: np.ndarray, open_face: np.ndarray | float = 1.0) -
 def smooth(a: Arguments) -> Arguments:
     x, rows = a["x"].copy(), slice(a["first"], a["first"] + a["n"])
     T = _per_face(a["T"])[rows]
-    x[rows] = (a["b"][rows] + (T * x[a["nbr"][rows]]).sum(axis=1)) / (a["absorb"][rows] + T.sum(axis=1))
+    relaxed = (a["b"][rows] + (T * x[a["nbr"][rows]]).sum(axis=1)) / (a["absorb"][rows] + T.sum(axis=1))
+    x[rows] += a["omega"] * (relaxed - x[rows])
     return {"x": x}
 
 
@@ -66,7 +67,7 @@ def _children(a: Arguments, values: np.ndarray, octants: Any = slice(None)) -> n
 
 def smooth_from_zero(a: Arguments) -> Arguments:
     x, rows = a["x"].copy(), slice(a["first"], a["first"] + a["n"])
-    x[rows] = a["b"][rows] / (a["absorb"][rows] + _per_face(a["T"])[rows].sum(axis=1))
+    x[rows] = a["omega"] * a["b"][rows] / (a["absorb"][rows] + _per_face(a["T"])[rows].sum(axis=1))
     return {"x": x}
 
 

@@ -2,7 +2,7 @@
 
     r = Q - A_h phi;   phi <- phi + V(r);   until |r| <= tolerance |Q| in every channel
 
-A V(2,2) smooths each level by red-black Gauss-Seidel on the cells of its own width; coarser leaves next to them
+A V(2,2) smooths each level by red-black relaxation on the cells of its own width; coarser leaves next to them
 hold still as ghosts. Restriction sums residuals, prolongation is linear along resistances, coarse coefficients
 are sums (coefficients.cl); the coarsest level is solved by its dense inverse.
 """
@@ -23,6 +23,9 @@ from clsss.rounding import Held, rounding_gain
 SWEEPS = 2  # before and after the coarser level, on the finest
 COARSE_SWEEPS = 3  # on the others: little work, and what they leave undone adds up from level to level
 SLOW = 0.25  # a plain cycle that reduces the residual less is accelerated
+# Relaxation of the first red half-sweep and, after the coarser level, of the black ones (Yavneh 1996). The last
+# half-sweep before restricting must be plain: restriction counts on black cells without residual.
+OVER = 1.25
 STALL = 4  # cycles without a tenth less residual end a solve: rounding allows no more
 HOLD = 1e-2  # residual at which a solution is held, where rounding it would leave too much
 NEAR = 0.25  # of the tolerance: what rounding may leave
@@ -109,7 +112,9 @@ class Multigrid:
         return self.device.array(inverse)
 
     def smooth(self, k: int, sweeps: int | None = None, from_zero: bool = False) -> None:
-        """Red-black sweeps on level `k`; `from_zero` whatever the cells' values, but with ghosts of zero."""
+        """Red-black sweeps on level `k`: those after the coarser level, or the ones before it, which start `from_zero`
+        whatever the cells' values but with ghosts of zero.
+        """
         level = self.op.octree.levels[k]
         sweeps = sweeps or (SWEEPS if k == len(self.e) - 1 else COARSE_SWEEPS)
         red, black, end = level.colour_start
@@ -117,10 +122,11 @@ class Multigrid:
         for sweep in range(sweeps):
             for first, n in ((red, black - red), (black, end - black)):
                 if from_zero and not sweep and first == red:
-                    self.device.run(self._from_zero, n, first, n, self.op.T[k], self.op.absorb[k], self.r[k],
+                    self.device.run(self._from_zero, n, first, n, OVER, self.op.T[k], self.op.absorb[k], self.r[k],
                                     self.e[k])  # fmt: skip
                 else:
-                    self.device.run(smooth, n, first, n, level.nbr, self.op.T[k], self.op.absorb[k], self.r[k],
+                    omega = OVER if first == black and not from_zero else 1.0
+                    self.device.run(smooth, n, first, n, omega, level.nbr, self.op.T[k], self.op.absorb[k], self.r[k],
                                     *junctions, self.e[k])  # fmt: skip
 
     def _with_junctions(self, k: int, plain: Any, other: Any) -> tuple[Any, tuple[Any, ...]]:

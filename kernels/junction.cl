@@ -40,8 +40,8 @@ __kernel void junction_shares(const int n, __global const int *restrict face, __
     for (int k = start[q]; k < start[q + 1]; k++) share[k] /= total;
 }
 
-// cost smooth_with_junctions: 42R+24 B, 56 flop
-__kernel void smooth_with_junctions(const int first, const int n, __global const int *restrict nbr,
+// cost smooth_with_junctions: 46R+24 B, 68 flop
+__kernel void smooth_with_junctions(const int first, const int n, const REAL omega, __global const int *restrict nbr,
                                     __global const COND *restrict T, __global const REAL4 *restrict absorb,
                                     __global const REAL4 *restrict b, const int n_rows,
                                     __global const int *restrict start, __global const int *restrict cell,
@@ -54,7 +54,7 @@ __kernel void smooth_with_junctions(const int first, const int n, __global const
         sum += t * value_beyond(nbr[6 * i + f], n_rows, start, cell, share, x);
         diagonal += t;
     }
-    x[i] = sum / diagonal;
+    x[i] += omega * (sum / diagonal - x[i]);
 }
 
 // cost leave_residual_with_junctions: 46R+24 B, 76 flop

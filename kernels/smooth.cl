@@ -1,16 +1,16 @@
-/* smooth.cl -- one colour of a Gauss-Seidel sweep over one level; one work-item per cell of the colour.
+/* smooth.cl -- one colour of a relaxation sweep over one level; one work-item per cell of the colour.
  *
- *     x[i] <- (b[i] + sum_f T[i][f] x[nbr[i][f]]) / (absorb[i] + sum_f T[i][f])
+ *     x[i] <- (1 - omega) x[i] + omega (b[i] + sum_f T[i][f] x[nbr[i][f]]) / (absorb[i] + sum_f T[i][f])
  *
  * Cells of one colour are contiguous and never neighbours: the result does not depend on their order.
  */
 #include "real.h"
 #include "conductance.h"
 
-// cost smooth: 36R+6C+24 B, 56 flop
-__kernel void smooth(const int first, const int n, __global const int *restrict nbr, __global const COND *restrict T,
-                     __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
-                     __global REAL4 *restrict x) {
+// cost smooth: 40R+6C+24 B, 68 flop
+__kernel void smooth(const int first, const int n, const REAL omega, __global const int *restrict nbr,
+                     __global const COND *restrict T, __global const REAL4 *restrict absorb,
+                     __global const REAL4 *restrict b, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
     REAL4 sum = b[i], diagonal = absorb[i];
@@ -19,17 +19,17 @@ __kernel void smooth(const int first, const int n, __global const int *restrict 
         sum += t * x[nbr[6 * i + f]];
         diagonal += t;
     }
-    x[i] = sum / diagonal;
+    x[i] += omega * (sum / diagonal - x[i]);
 }
 
 /* The first half of the first sweep, from zero everywhere: neighbours have nothing to give. */
 // cost smooth_from_zero: 12R+6C B, 14 flop
-__kernel void smooth_from_zero(const int first, const int n, __global const COND *restrict T,
+__kernel void smooth_from_zero(const int first, const int n, const REAL omega, __global const COND *restrict T,
                                __global const REAL4 *restrict absorb, __global const REAL4 *restrict b,
                                __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
     REAL4 diagonal = absorb[i];
     for (int f = 0; f < 6; f++) diagonal += T[6 * i + f];
-    x[i] = b[i] / diagonal;
+    x[i] = omega * b[i] / diagonal;
 }
