@@ -184,18 +184,17 @@ class Interreflection:
         self._last.set(channels(self.state))
         self._update()
         last, self.state = self.state, self._passages[-1].get()[:, :3].astype(float)
-        self._next.set(channels(self.state))
         size = np.linalg.norm(self.state, axis=0)
         return float((np.linalg.norm(self.state - last, axis=0) / np.where(size > 0, size, 1)).max())
 
     def adjust(self, residual: Field) -> None:
         """Add C_B gain H_t to the residual of the cut cells."""
-        self._enter(self._next, None)
+        self._enter(self._passages[-1], None)
         subtract_moment(self.scene.device, self.scene.octree, self.scene.medium, self._moment, residual[-1])
 
     def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
         """J.n and H_t (n_cut, 3) at the boundary of the cut cells."""
-        self._enter(self._next, self.r_B)
+        self._enter(self._passages[-1], self.r_B)
         flux = boundary_flux(self.scene.multigrid.residual, phi, self._moment)
         return flux, self.exchange.blend @ (self.exchange.entering @ self.state)
 
