@@ -49,6 +49,8 @@ class Level:
     chain : (m, 2) int32, device
         Finer cells that share an octant: one, and the next.
     is_leaf : (n,) uint8, device
+    position : (n, 3) uint16, device
+        `ijk`.
     ghost_face : (n_ghost,) int32, device
         6 cell + face, for each ghost.
     interface : (m,) int32, device
@@ -189,12 +191,12 @@ def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np
         to_parent = device.array(np.concatenate([parent, source, parent[flat[slot]]]).astype(np.int32))
     flat[slot] = n + len(face) + np.arange(len(slot), dtype=np.int32)
     child, chain = first_children(*finer, n) if finer else (None, np.empty((0, 2), np.int32))
-    position = np.concatenate([cells.ijk, np.zeros((n, 1), np.int32)], axis=1)
     level = Level(grid.h * 2**depth, depth, cells.ijk, cells.leaf, cells.colour_start, device.array(cells.nbr),
                   to_parent, None if child is None else device.array(child), device.array(chain),
-                  device.array(cells.leaf.astype(np.uint8)), device.array(position), len(face), device.array(face),
-                  device.empty(0, np.int32), device.empty(0, np.int32), device.array(slot.astype(np.int32)),
-                  device.array(start), device.array(beyond.astype(np.int32)))  # fmt: skip
+                  device.array(cells.leaf.astype(np.uint8)), device.array(cells.ijk.astype(np.uint16)), len(face),
+                  device.array(face), device.empty(0, np.int32), device.empty(0, np.int32),
+                  device.array(slot.astype(np.int32)), device.array(start),
+                  device.array(beyond.astype(np.int32)))  # fmt: skip
     return level, source
 
 

@@ -8,6 +8,7 @@
 #include "lanes.h"
 #include "body.h"
 #include "beam.h"
+#include "position.h"
 #include "ray.h"
 #include "irradiance.h"
 
@@ -16,7 +17,7 @@
 // cost beam_in_cells: 128R+384 B, 16000 flop  (16 lanes)
 __kernel void beam_in_cells(const int n, const int depth, const REAL h, const REAL eta, const REAL4 light,
                             const REAL4 strength, BODY, __global const int *restrict order,
-                            __global const int *restrict position, __global const uchar *restrict is_leaf,
+                            __global const ushort *restrict position, __global const uchar *restrict is_leaf,
                             __global REAL4 *restrict F) {
     const int first = LANES * get_global_id(0), count = min(LANES, n - first);
     if (count <= 0) return;
@@ -25,7 +26,7 @@ __kernel void beam_in_cells(const int n, const int depth, const REAL h, const RE
     Rays rays;
     for (int l = 0; l < LANES; l++) {
         const int k = first + min(l, count - 1), i = order ? order[k] : k;
-        const REAL4 corner = convert_REAL4(vload4(i, position));
+        const REAL4 corner = corner_of(i, position);
         REAL4 p = (corner + (REAL)0.5) * (REAL)(1 << depth);
         if (depth == 0 && cut_index[i] >= 0) p = corner + centroid[cut_index[i]];
         p.w = 0;
@@ -44,7 +45,7 @@ __kernel void beam_in_cells(const int n, const int depth, const REAL h, const RE
 /* F at the boundary of the cut cells, on its inner side. One work-item for LANES cells. */
 // cost beam_at_boundary: 192R+384 B, 16000 flop  (16 lanes)
 __kernel void beam_at_boundary(const int n, const REAL h, const REAL eta, const REAL4 light, const REAL4 strength,
-                               BODY, __global const int *restrict order, __global const int *restrict position,
+                               BODY, __global const int *restrict order, __global const ushort *restrict position,
                                __global const int *restrict cut_cell, __global REAL4 *restrict F_B) {
     const int first = LANES * get_global_id(0), count = min(LANES, n - first);
     if (count <= 0) return;
@@ -53,7 +54,7 @@ __kernel void beam_at_boundary(const int n, const REAL h, const REAL eta, const 
     Rays rays;
     for (int l = 0; l < LANES; l++) {
         const int c = order[first + min(l, count - 1)];
-        REAL4 p = convert_REAL4(vload4(cut_cell[c], position)) + boundary[c];
+        REAL4 p = corner_of(cut_cell[c], position) + boundary[c];
         p.w = 0;
         beam[l] = beam_at(light, p);
         set_ray(&rays, l, p, beam[l]);

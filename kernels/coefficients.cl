@@ -96,15 +96,15 @@ __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_
 
 /* Weights of the prolongation: towards the outward neighbours along x, y, z, and what is left for the parent.
  * Linear between centres for constant D; by the resistances between them otherwise. */
-// cost interpolation_weights: 9C+28 B, 30 flop
-__kernel void interpolation_weights(const int n, __global const int *restrict position,
+// cost interpolation_weights: 9C+22 B, 30 flop
+__kernel void interpolation_weights(const int n, __global const ushort *restrict position,
                                     __global const int *restrict nbr, __global const COND *restrict T,
                                     __global uchar4 *restrict weight) {
     const int i = get_global_id(0);
     if (i >= n) return;
     REAL w[3];
     for (int d = 0; d < 3; d++) {
-        const int up = position[4 * i + d] & 1, f = 2 * d + up, j = nbr[6 * i + f];
+        const int up = position[3 * i + d] & 1, f = 2 * d + up, j = nbr[6 * i + f];
         const REAL out = MEAN(T[6 * i + f]), sibling = MEAN(T[6 * i + (f ^ 1)]);
         w[d] = 0;
         if (j == i || !(out > 0)) continue;

@@ -75,17 +75,17 @@ REAL4 boundary_row(const REAL4 offset, const REAL4 n, const REAL alpha_B, const 
 
 REAL component(const REAL4 v, const int c) { return c == 0 ? v.x : c == 1 ? v.y : c == 2 ? v.z : v.w; }
 
-// cost gradient_inverse: 144R+1M+220 B, 2500 flop
+// cost gradient_inverse: 144R+1M+210 B, 2500 flop
 __kernel void gradient_inverse(const int n, const REAL h, const REAL fresnel_A, const int4 dims, MEDIUM D,
                                __global const int *restrict block, __global const int *restrict brick,
-                               __global const int *restrict position, __global const int *restrict cut_cell,
+                               __global const ushort *restrict position, __global const int *restrict cut_cell,
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                                __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
                                __global REAL *restrict inverse, __global int *restrict around) {
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
-    const int4 p = vload4(i, position);
+    const int3 p = convert_int3(vload3(i, position));
     const REAL4 own = centroid[c] * (REAL4)(1, 1, 1, 0);
     Symmetric m = {0, 0, 0, 0, 0, 0};
     for (int dz = -1; dz <= 1; dz++)

@@ -1,5 +1,4 @@
 /* medium.h -- coefficients of one channel: everywhere the same, or trilinear between the nodes of a grid. */
-#define convert_REAL3 GLUE(convert_, REAL3)
 
 typedef struct {
     REAL majorant, g;

@@ -2,6 +2,7 @@
 #include "real.h"
 #include "face.h"
 #include "beam.h"
+#include "position.h"
 #include "conductance.h"
 #include "layer.h"
 #include "mean.h"
@@ -11,10 +12,10 @@
  *     r_B = (d/D) s (-omega . n) (a (F_B - LM(F_B, F_i)) - 3 D g sigma_s LM(F_B, F_i)),
  * s = tanh(x)/x and the near end's mean where the depth is fitted (layer.h), and the part 3 D q1 . n that the boundary
  * condition needs (wall). */
-// cost moment: 30R+4M+8 B, 60 flop
+// cost moment: 30R+4M+10 B, 60 flop
 __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light, MEDIUM D, MEDIUM sigma_a,
                      MEDIUM sigma_s, MEDIUM fitted,
-                     __global const int *restrict position, __global const int *restrict cut_cell,
+                     __global const ushort *restrict position, __global const int *restrict cut_cell,
                      __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                      __global const REAL4 *restrict normal, __global const REAL4 *restrict F_B,
                      __global const REAL4 *restrict F, __global REAL4 *restrict r_B, __global REAL4 *restrict wall) {
@@ -22,7 +23,7 @@ __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light,
     if (c >= n) return;
     const int i = cut_cell[c];
     const REAL4 nrm = unit_normal(normal[c]);
-    REAL4 p = convert_REAL4(vload4(i, position)) + boundary[c];
+    REAL4 p = corner_of(i, position) + boundary[c];
     p.w = 0;
     const REAL d = h * depth_below(centroid[c], boundary[c], nrm, 0.05);
     const REAL4 x2 = depth2(AT(fitted, i), d / h, normal[c], boundary[c]);

@@ -10,6 +10,7 @@
 #include "real.h"
 #include "face.h"
 #include "beam.h"
+#include "position.h"
 #include "conductance.h"
 #include "layer.h"
 #include "mean.h"
@@ -55,11 +56,11 @@ REAL4 lost_below(const REAL4 u, const REAL4 v, const REAL4 x2, const REAL d, con
 }
 
 /* Q on the finest level. */
-// cost deposit_finest: 90R+28M+60 B, 300 flop
+// cost deposit_finest: 90R+28M+50 B, 300 flop
 __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL fresnel_A, const REAL4 light, MEDIUM D,
                              MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_a_coarse,
                              MEDIUM sigma_s_coarse, MEDIUM fitted,
-                             __global const int *restrict position,
+                             __global const ushort *restrict position,
                              __global const int *restrict nbr, __global const int *restrict parent,
                              __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
@@ -68,7 +69,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
                              __global REAL4 *restrict Q, __global REAL4 *restrict lost) {
     const int i = get_global_id(0);
     if (i >= n) return;
-    const REAL4 corner = convert_REAL4(vload4(i, position)), own = carried(g, D, sigma_a, sigma_s, i);
+    const REAL4 corner = corner_of(i, position), own = carried(g, D, sigma_a, sigma_s, i);
     const REAL4 k2 = AT(fitted, i);
     const int cut = cut_index[i];
     REAL4 sum = (REAL4)(0), on_the_way = (REAL4)(0);
@@ -113,17 +114,17 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
 }
 
 /* Q on the leaves of a coarser level, but for the faces to finer cells. */
-// cost deposit_coarse: 70R+21M+60 B, 200 flop
+// cost deposit_coarse: 70R+21M+50 B, 200 flop
 __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int depth, const REAL4 light, MEDIUM D,
                              MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_a_coarse,
                              MEDIUM sigma_s_coarse,
-                             __global const int *restrict position, __global const int *restrict nbr,
+                             __global const ushort *restrict position, __global const int *restrict nbr,
                              __global const int *restrict parent, __global const uchar *restrict is_leaf,
                              __global const REAL4 *restrict F, __global REAL4 *restrict Q) {
     const int i = get_global_id(0);
     if (i >= n || !is_leaf[i]) return;
     const REAL width = 1 << depth;
-    const REAL4 corner = width * convert_REAL4(vload4(i, position)), own = carried(g, D, sigma_a, sigma_s, i);
+    const REAL4 corner = width * corner_of(i, position), own = carried(g, D, sigma_a, sigma_s, i);
     REAL4 sum = (REAL4)(0);
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
@@ -136,12 +137,12 @@ __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int 
 }
 
 /* The faces to finer cells: what leaves those enters here. */
-// cost deposit_interface: 70R+15M+60 B, 200 flop
+// cost deposit_interface: 70R+15M+50 B, 200 flop
 __kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine, const REAL g, const int depth_fine,
                                 const REAL4 light, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_fine,
                                 MEDIUM sigma_a_fine, MEDIUM sigma_s_fine, __global const int *restrict interface,
                                 __global const int *restrict interface_start, __global const int *restrict ghost_face,
-                                __global const int *restrict position_fine, __global const REAL4 *restrict F_fine,
+                                __global const ushort *restrict position_fine, __global const REAL4 *restrict F_fine,
                                 __global REAL4 *restrict Q) {
     const int m = get_global_id(0);
     if (m >= n) return;
@@ -149,7 +150,7 @@ __kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine
     REAL4 sum = (REAL4)(0);
     for (int k = interface_start[m]; k < interface_start[m + 1]; k++) {
         const int i = ghost_face[k] / 6, f = ghost_face[k] % 6;
-        const REAL4 corner = width * convert_REAL4(vload4(i, position_fine));
+        const REAL4 corner = width * corner_of(i, position_fine);
         const REAL4 a = (carried(g, D_fine, sigma_a_fine, sigma_s_fine, i) +
                          carried(g, D, sigma_a, sigma_s, interface[m])) / 2;
         sum += outward(towards_light(light, corner, width, f), f) * a * log_mean(F_fine[i], F_fine[n_fine + k]);
