@@ -48,7 +48,7 @@ class Bench:
 class TwoPoint(Residual):
     """Residual of the symmetric part that multigrid inverts: no gradients, ghosts are plain copies."""
 
-    def __call__(self, phi: Field, b: Field, r: Field, completed: bool = False) -> None:
+    def __call__(self, phi: Field, b: Field, r: Field) -> None:
         """Overwrite `r` with b - A x on the leaves."""
         run, op, levels = self.device.run, self.op, self.op.octree.levels
         for coarse, x, fine in zip(levels[-2::-1], phi[-2::-1], phi[:0:-1], strict=True):

@@ -61,7 +61,7 @@ def kernel_source(*names: str) -> str:
 
 
 @functools.lru_cache(maxsize=8)
-def open_device(name: str | None = None, precision: str = "single") -> Device:
+def open_device(name: str | None, precision: str) -> Device:
     """A device as `Device` gives it, the same one every time: kernels are built once a process."""
     return Device(name, precision)
 

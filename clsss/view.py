@@ -17,14 +17,14 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command line and exit."""
 
     def command() -> None:
-        from clsss.window import Window
-
         args = scenefile.parse(_parser(), argv)
         if args.save_scene:
             scenefile.check(args.save_scene)
         if args.screenshot:
             screenshot(args)
         else:
+            from clsss.window import Window
+
             window = Window(args)
             window.run()
             args = window.seen()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -123,10 +124,15 @@ def test_import_is_light(module):
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("module", ["clsss", "clsss.cli", "clsss.view"])
-def test_help_waits_for_nothing(module):
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [("view --help", 0), ("cli --help", 0), ("cli bake --help", 0), ("view", 2), ("cli bake --nothing", 2)],
+)
+def test_help_waits_for_nothing(words, code):
     """Parsing needs no numbers: not even numpy, which takes longer to import than everything else."""
-    code = f"import sys, {module}; print('numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
-                          cwd=PACKAGE.parent)  # fmt: skip
-    assert done.stdout.strip() == "False"
+    module, *options = words.split()
+    command = [sys.executable, "-X", "importtime", "-c", f"from clsss.{module} import main; main()", *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=PACKAGE.parent)
+    assert done.returncode == code
+    assert "numpy" not in re.findall(r"\| +([\w.]+)$", done.stderr, flags=re.M)
+    assert "clsss.options" in done.stderr
