@@ -22,6 +22,7 @@ _PACKAGES = (
     "glfw",
     "pillow",
     "meshio",
+    "OpenEXR",
     "nibabel",
     "pynrrd",
 )
