@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from clsss.device import KERNEL_DIR, Buffer, Device, kernel_source
+from clsss.device import Buffer, Device
+from clsss.kernelsource import KERNEL_DIR, kernel_source
 
 CACHES = 6  # size of a triad's arrays together, in the device's last cache
 LEAST_BYTES = 96 << 20  # likewise, at least

@@ -7,57 +7,23 @@ from __future__ import annotations
 
 import functools
 import os
-import re
 import time
 import weakref
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clsss.capture import Launch, Prepared
 from clsss.discovery import NO_DEVICE, find_devices
 from clsss.errors import DeviceError, InputError
+from clsss.kernelsource import kernel_source, program_of
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
-KERNEL_DIR = Path(__file__).parent / "kernels"
-if not KERNEL_DIR.is_dir():
-    KERNEL_DIR = Path(__file__).parent.parent / "kernels"
-
-# Files that are built as one program: a driver takes longer to load a program than to hold some kernels more.
-TOGETHER = (
-    ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
-     "exchange", "surface"),
-    ("coefficients", "gradient", "correct", "smooth", "residual", "restrict", "junction", "source", "moment", "layer",
-     "attenuate"),
-)  # fmt: skip
+os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # PoCL and GPU drivers cache builds themselves
 ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
-
-
-def kernel_source(*names: str) -> str:
-    """Source of ``kernels/<name>`` of all `names`, with ``#include "x.h"`` lines spliced in once each.
-
-    One self-contained text per program: driver caches cannot miss an edited header, and no ``-I`` path
-    with spaces can break the build. ``#line`` keeps error messages pointing at the files.
-    """
-    seen: set[Path] = set()
-
-    def splice(path: Path) -> str:
-        if path in seen:
-            return ""
-        seen.add(path)
-        out = [f'#line 1 "{path.name}"']
-        for number, line in enumerate(path.read_text().splitlines(), 1):
-            include = re.match(r'\s*#include\s+"([^"]+)"', line)
-            if include:
-                out += [splice(path.parent / include.group(1)), f'#line {number + 1} "{path.name}"']
-            else:
-                out.append(line)
-        return "\n".join(out) + "\n"
-
-    return "".join(splice(KERNEL_DIR / name) for name in names)
 
 
 @functools.lru_cache(maxsize=8)
@@ -121,35 +87,10 @@ class Buffer:
         self.device.allocated -= getattr(self, "_owned", 0)
 
 
-class _Prepared:
-    """A kernel with its numbers set."""
-
-    def __init__(self, kernel: Any, numbers: list[tuple[int, Any]]):
-        import pyopencl as cl
-
-        self.kernel = cl.Kernel(kernel.program, kernel.function_name)
-        for index, value in numbers:
-            self.kernel.set_arg(index, value)
-
-
-class _Launch:
-    """A launch to be repeated. Setting numbers costs the host far more than setting buffers and enqueueing."""
-
-    def __init__(self, prepared: _Prepared, size: int, group: int, buffers: list[tuple[int, Any]]):
-        import pyopencl as cl
-
-        self.prepared, self.kernel, self.buffers = prepared, prepared.kernel, buffers
-        self.size, self.group, self.enqueue = (size,), (group,), cl.enqueue_nd_range_kernel
-
-    def __call__(self, queue: Any) -> None:
-        """Enqueue it."""
-        for index, data in self.buffers:
-            self.kernel.set_arg(index, data)
-        self.enqueue(queue, self.kernel, self.size, self.group)
-
-
 class Device:
-    """An OpenCL device with one in-order queue and a precision.
+    """An OpenCL device with one in-order queue and a precision, for one thread at a time.
+
+    Kernels keep the arguments of one launch, and `capture` takes what is enqueued meanwhile, by whomever.
 
     Parameters
     ----------
@@ -157,6 +98,14 @@ class Device:
         Substring of the device's or its platform's name; by default the best that works.
     precision : {"single", "double"}
         `real` is float32 or float64; kernels see it as ``REAL``.
+
+    Attributes
+    ----------
+    real : numpy.dtype
+    lanes : int
+        Numbers of type `real` that the device computes at once; 1 where it does so across work-items.
+    allocated, peak : int
+        What buffers hold now, and the most they ever held together [B].
 
     Raises
     ------
@@ -196,7 +145,7 @@ class Device:
         self._programs: dict[tuple[str, tuple[str, ...]], Any] = {}
         self._kernels: dict[tuple[str, str, tuple[str, ...]], Any] = {}
         self._captured: list[Callable[[Any], Any]] | None = None
-        self._prepared: weakref.WeakValueDictionary[Any, _Prepared] = weakref.WeakValueDictionary()
+        self._prepared: weakref.WeakValueDictionary[Any, Prepared] = weakref.WeakValueDictionary()
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         import pyopencl as cl
@@ -237,7 +186,7 @@ class Device:
 
         key = (file, name, defines)
         if key not in self._kernels:
-            files = next((group for group in TOGETHER if file in group), (file,))
+            files = program_of(file)
             if (files[0], defines) not in self._programs:
                 options = ["-DREAL=double", "-DDOUBLE"]
                 if self.precision == "single":
@@ -266,10 +215,10 @@ class Device:
             return
         numbers = [(i, a) for i, a in enumerate(converted) if isinstance(a, (np.generic, np.ndarray))]
         key = (kernel, *((i, a.tobytes()) for i, a in numbers))
-        prepared = self._prepared.get(key) or _Prepared(kernel, numbers)
+        prepared = self._prepared.get(key) or Prepared(kernel, numbers)
         self._prepared[key] = prepared
         buffers = [(i, a) for i, a in enumerate(converted) if not isinstance(a, (np.generic, np.ndarray))]
-        self._captured.append(_Launch(prepared, size, group, buffers))
+        self._captured.append(Launch(prepared, size, group, buffers))
 
     def enqueue(self, command: Callable[[Any], Any]) -> None:
         """Call `command` with the queue, or note it where commands are captured."""
@@ -330,6 +279,3 @@ class Device:
             pause = min(pause + 2e-5, 2e-3)
         if status < 0:
             raise DeviceError(f"OpenCL device {self.name} failed while it computed (error {status})")
-
-
-os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # PoCL and GPU drivers cache builds themselves

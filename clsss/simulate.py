@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, wraps
 from time import perf_counter
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -28,7 +29,21 @@ from clsss.single import DEPTHS, SingleScattering
 from clsss.surface import values_at
 from clsss.validity import ConvergenceWarning
 
+P = ParamSpec("P")
+T = TypeVar("T")
 STAGES = ("device", "cut cells", "octree", "exchange", "source", "single", "solve", "surface")
+_TURN = threading.RLock()
+
+
+def _in_turn(work: Callable[P, T]) -> Callable[P, T]:
+    """Let threads take turns: bakes share a device, which serves one at a time."""
+
+    @wraps(work)
+    def alone(*args: P.args, **options: P.kwargs) -> T:
+        with _TURN:
+            return work(*args, **options)
+
+    return alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +79,13 @@ class Result:
         """The opaque bodies that were given."""
         return self._scene.blockers
 
+    @_in_turn
     def radiosity(self, points: Any) -> np.ndarray:
         """Radiosity (n, 3) [W/mm^2] at points (n, 3) on or near the surface [mm]."""
         exitance = self._solution.exitance
         return _at_surface(self._scene, self._solution, exitance, exitance, checked_points(points), None)[0]
 
+    @_in_turn
     def radiosity_single(self, points: Any) -> np.ndarray:
         """The part of `radiosity` (n, 3) [W/mm^2] that was scattered exactly once.
 
@@ -88,6 +105,7 @@ class Result:
         scene, lights = self._scene, list(self.lights)
         return SingleScattering(scene.device, scene.octree, scene.medium, lights, self._solution.unit, scene.shadows)
 
+    @_in_turn
     def radiance(self, eye: Any, depths: int = DEPTHS, least_cosine: float = 0.0) -> np.ndarray:
         """Radiance that leaves the vertices towards a camera.
 
@@ -124,6 +142,7 @@ class Result:
             return diffuse
         return diffuse + self._once.radiance(mesh.vertices, mesh.normals, out, depths) * solution.unit
 
+    @_in_turn
     def fluence(self, points: Any) -> np.ndarray:
         """Fluence (n, 3) of the scattered light [W/mm^2] at points (n, 3) inside [mm]; NaN outside."""
         points = checked_points(points)
@@ -132,6 +151,7 @@ class Result:
         out[inside] = interpolate(self._scene, self._solution, points[inside])
         return out
 
+    @_in_turn
     def relight(self, lights: Sequence[Any], progress: bool | Progress | None = None) -> Result:
         """The same object under other lights: only source and solve are redone, from the last solution."""
         start, found = perf_counter(), checked_lights(lights)
@@ -145,11 +165,14 @@ class Result:
         save(self, path)
 
 
+@_in_turn
 def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 128, adaptive: bool = True,
              tolerance: float = 1e-4, precision: str = "single", device: str | None = None,
              phase: str = "similarity", scattering: str = "all", blockers: Sequence[Mesh] = (),
              progress: bool | Progress | None = None) -> Result:  # fmt: skip
     """Compute how light diffuses inside an object and what leaves its surface.
+
+    Threads may call this and what a `Result` offers; they take turns.
 
     Parameters
     ----------
@@ -243,7 +266,7 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
         worst = float(solution.convergence.residuals[-1].max())
         advice = "use double precision" if scene.device.precision == "single" else "allow a larger tolerance"
         text = f"the solve stopped after {solution.convergence.cycles} cycles at a residual of {worst:.1e}, short of "
-        warnings.warn(text + f"the tolerance {scene.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=3)
+        warnings.warn(text + f"the tolerance {scene.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=4)
     report = account(scene, solution, seconds)
     return Result(mesh, medium, lights, radiosity, fluence, report, single, scene, solution)
 

@@ -48,7 +48,7 @@ class ConvergenceWarning(UserWarning):
 def warn(mesh: Mesh, medium: Medium) -> None:
     """Issue a `DiffusionWarning` where there are `doubts`."""
     if text := doubts(mesh, medium):
-        warnings.warn(text, DiffusionWarning, stacklevel=3)
+        warnings.warn(text, DiffusionWarning, stacklevel=4)
 
 
 def thickness_of(mesh: Mesh) -> float:

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from clsss import device as module
-from clsss import discovery
-from clsss.device import Device, kernel_source
+from clsss import discovery, kernelsource
+from clsss.device import Device
 from clsss.discovery import DeviceInfo, devices, find_devices
 from clsss.errors import DeviceError, InputError
+from clsss.kernelsource import kernel_source
 
 
 def test_kernel_source_splices_headers(tmp_path, monkeypatch):
     (tmp_path / "a.cl").write_text('first\n#include "b.h"\nthird\n')
     (tmp_path / "b.h").write_text('#include "c.h"\nheader\n')
     (tmp_path / "c.h").write_text("inner\n")
-    monkeypatch.setattr(module, "KERNEL_DIR", tmp_path)
+    monkeypatch.setattr(kernelsource, "KERNEL_DIR", tmp_path)
     lines = kernel_source("a.cl").split("\n")
     assert not any("#include" in line for line in lines)
     assert [line for line in lines if line and not line.startswith("#line")] == [
@@ -33,7 +34,7 @@ def test_line_directives_point_at_the_files(tmp_path, monkeypatch):
     """The number after #line is that of the next text line in its own file."""
     (tmp_path / "a.cl").write_text('first\n#include "b.h"\nthird\n')
     (tmp_path / "b.h").write_text("header\n")
-    monkeypatch.setattr(module, "KERNEL_DIR", tmp_path)
+    monkeypatch.setattr(kernelsource, "KERNEL_DIR", tmp_path)
     place, seen = ("", 0), {}
     for line in kernel_source("a.cl").split("\n"):
         directive = re.fullmatch(r'#line (\d+) "(.+)"', line)
@@ -47,7 +48,7 @@ def test_line_directives_point_at_the_files(tmp_path, monkeypatch):
 
 def test_failed_build_names_file_and_device(single, tmp_path, monkeypatch):
     (tmp_path / "broken.cl").write_text("__kernel void broken(__global float *x) { x[0] = nonsense; }\n")
-    monkeypatch.setattr(module, "KERNEL_DIR", tmp_path)
+    monkeypatch.setattr(kernelsource, "KERNEL_DIR", tmp_path)
     with pytest.raises(DeviceError, match=r"kernels/broken\.cl does not build on .*") as error:
         single.kernel("broken", "broken")
     assert single.name in str(error.value)

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from clsss.device import KERNEL_DIR, kernel_source
+from clsss.kernelsource import KERNEL_DIR, kernel_source
 
 FILES = sorted(path.stem for path in KERNEL_DIR.glob("*.cl"))
 ALL_FILES = sorted(path.name for path in KERNEL_DIR.iterdir() if path.suffix in (".cl", ".h"))

@@ -12,7 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "clsss"
 LAYERS = {
-    -1: ["errors", "discovery"],
+    -1: ["errors", "discovery", "capture", "kernelsource"],
     0: [
         "device",
         "materials",
@@ -60,7 +60,7 @@ LAYER_OF = {module: layer for layer, modules in LAYERS.items() for module in mod
 # A result saves itself: the one call from below.
 UPWARD = {("simulate", "export")}
 ONLY_IN = {
-    "pyopencl": {"device", "discovery", "doctor"},
+    "pyopencl": {"capture", "device", "discovery", "doctor"},
     "trimesh": {"mesh", "meshfile", "rays", "repair", "demo", "export", "paint"},
     "embreex": {"mesh", "rays"},
     "moderngl": {"opengl", "scene", "doctor"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 import warnings
 
 import cases
@@ -13,7 +14,7 @@ from shapes import ROTATION, box, box_triangles, hollow_sphere, relative_rms, so
 
 import clsss
 from clsss.analytic import slab
-from clsss.device import Device
+from clsss.device import Device, open_device
 from clsss.errors import DeviceError, InputError
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_transmittance
@@ -504,3 +505,48 @@ def test_a_solve_that_stops_short_says_so():
     with pytest.warns(clsss.ConvergenceWarning, match="stopped after .* short of the tolerance 1e-12: use double"):
         result = simulate(sphere(subdivisions=3), MARBLE, [SUN], resolution=16, tolerance=1e-12)
     assert not result.report["solve"]["converged"]
+
+
+def test_warnings_point_at_the_caller():
+    """Both kinds, from a bake and from a relight."""
+    dark = Material(sigma_a=0.5, sigma_s=1.0)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        simulate(sphere(subdivisions=2), dark, [SUN], resolution=8, tolerance=1e-12).relight([SUN])
+    assert {w.category for w in told} == {clsss.DiffusionWarning, clsss.ConvergenceWarning}
+    assert {w.filename for w in told} == {__file__}
+
+
+def test_threads_take_turns():
+    """They share a device, whose kernels hold the arguments of one launch."""
+    meshes = [sphere(subdivisions=3), torus()]
+    alone = [simulate(mesh, MARBLE, [SUN], resolution=24).vertex_radiosity for mesh in meshes]
+    together: list[list[np.ndarray]] = [[], []]
+
+    def work(k):
+        for _ in range(4):
+            together[k].append(simulate(meshes[k], MARBLE, [SUN], resolution=24).vertex_radiosity)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for expected, found in zip(alone, together, strict=True):
+        assert len(found) == 4
+        assert all(np.array_equal(values, expected) for values in found)
+
+
+def test_what_a_bake_held_is_given_back():
+    """Results free the device's memory as they go, without the garbage collector."""
+    device = open_device(None, "single")
+    held = []
+    for _ in range(3):
+        result = simulate(torus(), MARBLE, [SUN], resolution=24, scattering="split")
+        result.radiance((0, 0, 100))
+        held.append(device.allocated)
+        result = result.relight([PointLight((0, 40, 0), 100.0)])
+        del result
+        held.append(device.allocated)
+    assert held[0] > held[1]
+    assert held[:2] == held[2:4] == held[4:]
