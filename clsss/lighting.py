@@ -14,6 +14,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, Residual, cell_points, channels
@@ -27,6 +28,7 @@ from clsss.rays import RayCaster
 from clsss.single import split
 from clsss.source import Source, light_unit, make_source, subtract_moment
 from clsss.sparsematrix import SparseMatrix
+from clsss.surface import shares_at
 
 Progress = Callable[[str, float], None]
 PASSAGES = 2  # between parts of the surface that a cycle anticipates
@@ -68,6 +70,11 @@ class Scene:
         albedo = self.device.array(channels(patch_albedo(self.exchange, self.octree, self.medium)))
         return Transport(share, blend, arriving, entering, albedo)
 
+    @cached_property
+    def at_vertices(self) -> sparse.csr_matrix:
+        """What carries values at the boundary of the cut cells to the vertices of the mesh (v, n_cut)."""
+        return shares_at(self.device, self.octree, self.mesh.vertices, self.mesh.normals)
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -81,9 +88,9 @@ class Solution:
         Fluence in the cells.
     flux : (n_cut, 3) float64
         J.n at the boundary of the cut cells: what leaves them for good.
-    exitance, fluence : (n_cut, 4) real, device
+    exitance, fluence : (n_cut, 3) float64
         All scattered light that comes out there, and the fluence of diffuse light just inside.
-    once : (n_cut, 4) real, device, or None
+    once : (n_cut, 3) float64, or None
         The part of the exitance that was scattered once, where it is traced.
     leaving : (p, 3) float64
         B of each patch of the exchange.
@@ -96,9 +103,9 @@ class Solution:
     unit: float
     phi: Field
     flux: np.ndarray
-    exitance: Buffer
-    fluence: Buffer
-    once: Buffer | None
+    exitance: np.ndarray
+    fluence: np.ndarray
+    once: np.ndarray | None
     leaving: np.ndarray
     moment: np.ndarray
     source: Source
@@ -244,8 +251,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         flux, entering = follower.surface(phi) if follower else (
             boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
     gain = 4 / (1 - fresnel_moments(medium.eta)[0])
-    exitance = device.array(channels(flux + entering))
-    fluence = device.array(channels(2 * medium.fresnel_A * flux + gain * (entering + kept)))
+    exitance, fluence = flux + entering, 2 * medium.fresnel_A * flux + gain * (entering + kept)
     leaving = follower.state if follower else np.zeros((0, 3))
     moment = source.moment.get()[:, :3] - gain * entering
     return Solution(unit, phi, flux, exitance, fluence, once, leaving, moment, source, convergence)

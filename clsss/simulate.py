@@ -12,10 +12,11 @@ from time import perf_counter
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+from scipy import sparse
 
 from clsss import cutcell, diffusion, octree, validity
 from clsss.arguments import check, check_memory, checked_lights, checked_points
-from clsss.device import Buffer, open_device
+from clsss.device import open_device
 from clsss.errors import InputError
 from clsss.exchange import leaving_shape, trace_exchange
 from clsss.layer import fitted_layer
@@ -26,7 +27,7 @@ from clsss.multigrid import Multigrid
 from clsss.refinement import varies
 from clsss.report import account
 from clsss.single import DEPTHS, SingleScattering
-from clsss.surface import values_at
+from clsss.surface import shares_at
 from clsss.validity import ConvergenceWarning
 
 P = ParamSpec("P")
@@ -82,8 +83,7 @@ class Result:
     @_in_turn
     def radiosity(self, points: Any) -> np.ndarray:
         """Radiosity (n, 3) [W/mm^2] at points (n, 3) on or near the surface [mm]."""
-        exitance = self._solution.exitance
-        return _at_surface(self._scene, self._solution, exitance, exitance, checked_points(points), None)[0]
+        return self._at(checked_points(points), self._solution.exitance)
 
     @_in_turn
     def radiosity_single(self, points: Any) -> np.ndarray:
@@ -97,8 +97,12 @@ class Result:
         once = self._solution.once
         if once is None:
             raise InputError('scattering: bake with scattering="split" to tell single scattering apart')
-        single = _at_surface(self._scene, self._solution, once, once, checked_points(points), None)[0]
-        return np.minimum(single, self.radiosity(points))
+        return np.minimum(self._at(checked_points(points), once), self.radiosity(points))
+
+    def _at(self, points: np.ndarray, field: np.ndarray) -> np.ndarray:
+        """A field of the cut cells at points on or near the surface."""
+        shares = shares_at(self._scene.device, self._scene.octree, points)
+        return _at_surface(shares, self._solution.unit, field)[0]
 
     @cached_property
     def _once(self) -> SingleScattering:
@@ -256,11 +260,9 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
     solution = light(scene, lights, last, seconds, tell)
     mesh = scene.mesh
     with timed("surface", seconds, tell):
-        places = (mesh.vertices, mesh.normals)
-        radiosity, fluence = _at_surface(scene, solution, solution.exitance, solution.fluence, *places)
-        single = None
-        if solution.once is not None:
-            single = np.minimum(_at_surface(scene, solution, solution.once, solution.once, *places)[0], radiosity)
+        fields = [field for field in (solution.exitance, solution.fluence, solution.once) if field is not None]
+        radiosity, fluence, *once = _at_surface(scene.at_vertices, solution.unit, *fields)
+        single = np.minimum(once[0], radiosity) if once else None
     seconds["total"] = seconds["load"] + perf_counter() - start
     if not solution.convergence.converged:
         worst = float(solution.convergence.residuals[-1].max())
@@ -271,11 +273,11 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
     return Result(mesh, medium, lights, radiosity, fluence, report, single, scene, solution)
 
 
-def _at_surface(scene: Scene, solution: Solution, first: Buffer, second: Buffer, points: np.ndarray,
-                normals: np.ndarray | None) -> list[np.ndarray]:  # fmt: skip
-    """Two fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
-    fitted = values_at(scene.device, scene.octree, first, second, points, normals)
-    return [np.maximum(values, 0) * solution.unit for values in fitted]
+def _at_surface(shares: sparse.csr_matrix, unit: float, *fields: np.ndarray) -> list[np.ndarray]:
+    """Fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
+    values = shares @ np.concatenate(fields, axis=1, dtype=shares.dtype)
+    columns = np.split(values, len(fields), axis=1)
+    return [np.maximum(column, 0, dtype=float) * unit for column in columns]
 
 
 def _reporter(progress: bool | Progress | None) -> Progress:

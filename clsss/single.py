@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from clsss import bvh
-from clsss.device import Buffer, Device
+from clsss.device import Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, channels, make_operator
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import fresnel_A, fresnel_moments, fresnel_reflectance
@@ -172,7 +172,7 @@ def _none_fitted(device: Device, medium: Coefficients) -> Any:
 
 def split(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float, source: Source,
           blockers: RayCaster | None, tolerance: float,
-          progress: Callable[[float], None] | None = None) -> tuple[Buffer, np.ndarray, Source]:  # fmt: skip
+          progress: Callable[[float], None] | None = None) -> tuple[np.ndarray, np.ndarray, Source]:  # fmt: skip
     """Take light scattered once out of what drives diffusion.
 
     Parameters
@@ -184,7 +184,7 @@ def split(device: Device, octree: Octree, medium: Coefficients, lights: list[Any
 
     Returns
     -------
-    once : (n_cut, 4) real, device
+    once : (n_cut, 3) float64
         M_1 at the boundary of the cut cells.
     excess : (n_cut, 3) float64
         M_1' - M_1.
@@ -204,4 +204,4 @@ def split(device: Device, octree: Octree, medium: Coefficients, lights: list[Any
     part = device.array(channels(-4 / (1 - fresnel_moments(medium.eta)[0]) * excess))
     moment = device.array(source.moment.get() + part.get())
     subtract_moment(device, octree, medium, part, source.b[-1])
-    return device.array(channels(once)), excess, replace(source, moment=moment)
+    return once, excess, replace(source, moment=moment)

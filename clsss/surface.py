@@ -8,13 +8,15 @@ Only phi_B carries the drop at the boundary; values of whole cells must not stan
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 from scipy.spatial import cKDTree
 
 from clsss.device import Buffer, Device
 from clsss.octree import Octree
 
 RADII = (1.5, 2.5)  # in cells; the wider where the narrower finds too few cut cells
-ENOUGH = 3
+WIDTH = 24  # cut cells that most fits do with
+CHUNK = 1 << 15  # points at a time, so that the device need not hold much
 
 
 def boundary_points(octree: Octree) -> tuple[np.ndarray, np.ndarray]:
@@ -36,18 +38,16 @@ def tangent_frame(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def fluence_at(device: Device, octree: Octree, phi_B: Buffer, points: np.ndarray,
                normals: np.ndarray | None = None) -> np.ndarray:  # fmt: skip
-    """Boundary fluence (n, 3) at points on or near the surface, as `values_at` has it."""
-    return values_at(device, octree, phi_B, phi_B, points, normals)[0]
+    """Boundary fluence (n, 3) at points on or near the surface, from `phi_B` (n_cut, 4); see `shares_at`."""
+    return (shares_at(device, octree, points, normals) @ phi_B.get()[:, :3]).astype(float)
 
 
-def values_at(device: Device, octree: Octree, first: Buffer, second: Buffer, points: np.ndarray,
-              normals: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Two fields of the boundary at points on or near the surface.
+def shares_at(device: Device, octree: Octree, points: np.ndarray,
+              normals: np.ndarray | None = None) -> sparse.csr_matrix:  # fmt: skip
+    """What carries values at the boundary of the cut cells, such as fluence, to points on or near the surface.
 
     Parameters
     ----------
-    first, second : (n_cut, 4) real, device
-        Values at the boundary of the cut cells, such as fluence [W/mm^2].
     points : (n, 3) float
         Points [mm].
     normals : (n, 3) float, optional
@@ -56,35 +56,43 @@ def values_at(device: Device, octree: Octree, first: Buffer, second: Buffer, poi
 
     Returns
     -------
-    (n, 3), (n, 3) float64
-        In the unit of the fields. Points too far from any cut cell get the nearest one's.
+    (n, n_cut) sparse
+        Points too far from any cut cell get the nearest one's value.
     """
-    if not len(points):
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    normals = np.zeros((len(points), 3)) if normals is None else np.asarray(normals, float)
+    n = len(points)
+    normals = np.zeros((n, 3)) if normals is None else np.asarray(normals, float)
     unknown = np.flatnonzero((normals**2).sum(axis=1) < 0.25)
     if len(unknown):
         centre, direction = boundary_points(octree)
         normals = normals.copy()
         normals[unknown] = direction[cKDTree(centre).query(points[unknown])[1]]
-    values, used = _fit(device, octree, first, second, points, normals, RADII[0])
-    few = np.flatnonzero(used < ENOUGH)
-    if len(few):
-        values[:, few], used = _fit(device, octree, first, second, points[few], normals[few], RADII[1])
-        none = few[used == 0]
-        if len(none):
-            nearest = cKDTree(boundary_points(octree)[0]).query(points[none])[1]
-            for value, field in zip(values, (first, second), strict=True):
-                value[none] = field.get()[nearest, :3]
-    return values[0], values[1]
+    parts = [(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, device.real))]
+    for first in range(0, n, CHUNK):
+        used, cuts, shares = _fit(device, octree, points[first : first + CHUNK], normals[first : first + CHUNK])
+        none = np.flatnonzero(used == 0)
+        cuts[none, 0], shares[none, 0], used[none] = -1, 1, 1
+        kept = np.arange(cuts.shape[1]) < used[:, None]
+        parts.append((used, cuts[kept], shares[kept]))
+    counts, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+    start = np.concatenate([[0], np.cumsum(counts)])
+    far = np.flatnonzero(columns < 0)
+    if len(far):
+        lone = points[np.searchsorted(start, far)]
+        columns[far] = cKDTree(boundary_points(octree)[0]).query(lone)[1]
+    return sparse.csr_matrix((values, columns, start), (n, octree.cut.n))
 
 
-def _fit(device: Device, octree: Octree, first: Buffer, second: Buffer, points: np.ndarray, normals: np.ndarray,
-         radius: float) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Both fields at points (2, n, 3), and how many cut cells each fit counts (n,)."""
-    n, cut = len(points), octree.cut
-    value, used = device.empty((n, 2, 4)), device.empty(n, np.int32)
-    device.run(device.kernel("surface", "fit_at_points"), n, n, radius, octree.grid.dims, octree.block, octree.brick,
-               octree.clearance, octree.cut_index, cut.boundary, cut.normal, device.array(octree.grid.to_cells(points)),
-               device.array(normals), first, second, value, used)  # fmt: skip
-    return value.get()[:, :, :3].swapaxes(0, 1).astype(float), used.get()
+def _fit(device: Device, octree: Octree, points: np.ndarray,
+         normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """How many cut cells each point's fit counts (n,), which (n, m) and their shares (n, m), first of m."""
+    n, cut, kernel = len(points), octree.cut, device.kernel("surface", "share_at_points")
+    where, facing, used = device.array(octree.grid.to_cells(points)), device.array(normals), device.empty(n, np.int32)
+    most, width = WIDTH, 0
+    while most > width:
+        width = most
+        cuts, shares = device.empty((n, width), np.int32), device.empty((n, width))
+        device.run(kernel, n, n, width, *RADII, octree.grid.dims, octree.block, octree.brick, octree.clearance,
+                   octree.cut_index, cut.boundary, cut.normal, where, facing, cuts, shares, used)  # fmt: skip
+        count = used.get()
+        most = int(count.max())
+    return count, cuts.get(), shares.get()
