@@ -21,7 +21,7 @@ from clsss.dipole import dipole
 from clsss.errors import InputError
 from clsss.mesh import Mesh
 from clsss.montecarlo import check_counts, estimate
-from clsss.refine import areas, owners
+from clsss.subdivision import areas, owners
 
 if TYPE_CHECKING:
     from clsss.simulate import Result

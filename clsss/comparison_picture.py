@@ -14,6 +14,7 @@ from clsss.camera import Camera
 from clsss.compare import Comparison
 from clsss.export import display_scale
 from clsss.scene import Scene
+from clsss.srgb import srgb_decode
 
 RANGE = 0.3  # relative error at the ends of the colour bar
 NEIGHBOURS = 6  # points that Monte Carlo is interpolated between
@@ -66,7 +67,7 @@ def picture(
         panel(column, 0, f"{name}, {score.seconds:.1f} s", values, scale, exposure)
         error = ((values - truth) / (truth + truth.mean() / 100)).mean(axis=1)
         text = f"{name}: rms {score.rms:.1%}, bias {score.bias:+.1%}"
-        panel(column, 1, text, 0.8 * _linear(colours(error)), 1.0, 0.0)  # below the shoulder of the tone curve
+        panel(column, 1, text, 0.8 * srgb_decode(colours(error)), 1.0, 0.0)  # below the shoulder of the tone curve
     text = f"Monte Carlo, {comparison.seconds:.1f} s, noise {comparison.noise:.1%}"
     panel(len(names), 0, text, truth, scale, exposure)
     _bar(draw, font, (len(names) * width, height + BAND), size)
@@ -91,10 +92,6 @@ def colours(error: np.ndarray) -> np.ndarray:
     return np.where(
         x < 0, (1 + x) * np.array(WHITE) - x * np.array(BLUE), (1 - x) * np.array(WHITE) + x * np.array(RED)
     )
-
-
-def _linear(srgb: np.ndarray) -> np.ndarray:
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def _bar(draw: object, font: object, at: tuple[int, int], size: tuple[int, int]) -> None:

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from clsss import pointtree
 from clsss.device import Device
 from clsss.errors import InputError
 from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_moments, fresnel_transmittance
 from clsss.mesh import Mesh, RayCaster, opaque_triangles
-from clsss.pointtree import octree
-from clsss.refine import areas, outward_normals, refine
+from clsss.subdivision import areas, outward_normals, subdivide
 
 SKY_BEAMS = 256
 SPACING = 0.5  # of a transport mean free path: longest edge of a sample's triangle
@@ -197,9 +197,9 @@ def dipole(
         raise InputError("material: the dipole needs the same coefficients everywhere; use a Material")
     sigma, *both = poles(material, model)
     spacing = SPACING / material.sigma_tr.max()
-    coarse, _ = refine(mesh.triangles, max(spacing, SHADOW * mesh.size))
+    coarse, _ = subdivide(mesh.triangles, max(spacing, SHADOW * mesh.size))
     lit = entering(mesh, coarse.mean(axis=1), outward_normals(coarse), material.eta, lights, progress, blockers)
-    pieces, parent = refine(coarse, spacing)
+    pieces, parent = subdivide(coarse, spacing)
     centre = mesh.bounds.mean(axis=0)  # single precision is for the distances
     places, area, lit = pieces.mean(axis=1) - centre, areas(pieces), lit[parent]
     device = device or Device(precision="single")
@@ -250,7 +250,7 @@ def _tree(
     if not len(lit):
         return np.zeros_like(points)
     places, area, power = places[lit], area[lit], power[lit]
-    tree = octree(places)
+    tree = pointtree.build(places)
     places, area, power = places[tree.order], area[tree.order], power[tree.order]
     total, whole = tree.sums(power), tree.sums(area)
     weight = power.sum(axis=1)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clsss.errors import InputError
+from clsss.srgb import srgb_encode
 
 if TYPE_CHECKING:
     from clsss.mesh import Mesh
@@ -87,12 +88,6 @@ def write_atomically(path: str | os.PathLike[str], content: bytes) -> None:
             raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-
-
-def srgb_encode(linear: np.ndarray) -> np.ndarray:
-    """Linear values clipped to 0..1, then encoded as sRGB 0..1 (IEC 61966-2-1)."""
-    x = np.clip(linear, 0, 1)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def display_scale(mesh: Mesh, radiosity: np.ndarray, towards: np.ndarray | None = None) -> float:

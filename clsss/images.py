@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from clsss.errors import InputError
+from clsss.srgb import srgb_decode
 
 EXR = b"v/1\x01"  # what OpenEXR files begin with
 
@@ -78,11 +79,6 @@ def _pillow(path: Path) -> np.ndarray:
     except OSError as error:
         raise InputError(f"{path}: is no picture that can be read (.hdr, .exr, .png and .jpg are)") from error
     return srgb_decode(x)
-
-
-def srgb_decode(encoded: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB ones, 0..1 both (IEC 61966-2-1)."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def _rgbe(data: bytes) -> np.ndarray:

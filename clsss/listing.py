@@ -8,8 +8,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from clsss.export import srgb_encode
 from clsss.materials import Material, material, materials
+from clsss.srgb import srgb_encode
 from clsss.validity import LEAST_ALBEDO, LEAST_PATHS
 
 _LEGEND = f"""path: longest mean free path 1/sigma_tr [mm] of the channels; objects should be {LEAST_PATHS:g} thick

@@ -25,7 +25,7 @@ from clsss.halfedges import half_edges
 from clsss.launch import launched
 from clsss.materials import Medium
 from clsss.mesh import Mesh, contains, opaque_triangles
-from clsss.refine import outward_normals
+from clsss.subdivision import outward_normals
 from clsss.transport import Walk, gather, make_scene
 
 CAP = 200_000  # collisions after which a path is given up; reported, never silent

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from clsss.errors import InputError
-from clsss.images import srgb_decode
 from clsss.materials import Material, check_boundary, check_coefficients, diffuse_reflectance
+from clsss.srgb import srgb_decode
 
 _PAINTED = (0.01, 0.98)  # reflectance: no paint is blacker or whiter, and in pure white light would never end
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clsss.launch import Launched
-from clsss.refine import areas, outward_normals, owners, refine
+from clsss.subdivision import areas, outward_normals, owners, subdivide
 from clsss.transport import QUANTITIES, Scene, Walk, launches
 
 BATCHES = 40  # the standard error comes from the scatter between batches
@@ -23,7 +23,7 @@ class Patches:
     Attributes
     ----------
     cut : (m, 2) int32
-        Of each triangle the first piece, and how many follow one another along a side (`clsss.refine.refine`).
+        Of each triangle the first piece, and how many follow one another along a side (`clsss.subdivision.subdivide`).
     owner : (t,) int32
         The point each piece belongs to, -1 where none is near.
     area : (n,) float64
@@ -40,7 +40,7 @@ def patches(triangles: np.ndarray, points: np.ndarray, normals: np.ndarray, radi
 
     `radius` is how far from its point a piece may lie [mm].
     """
-    pieces, parent = refine(triangles, radius / 2, at_least=2)
+    pieces, parent = subdivide(triangles, radius / 2, at_least=2)
     owner = owners(pieces.mean(axis=1), outward_normals(pieces), points, normals, radius)
     _, first, count = np.unique(parent, return_index=True, return_counts=True)
     cut = np.stack([first, np.rint(np.sqrt(count))], axis=1).astype(np.int32)

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clsss.morton import BITS, morton
+
 LEAF = 8  # points
-DEEPEST = 10  # levels below the root
+DEEPEST = BITS  # levels below the root
 
 
 @dataclass(frozen=True, eq=False)
-class Octree:
+class PointTree:
     """Samples in Morton order and the octree over them, depth first.
 
     Attributes
@@ -45,14 +47,11 @@ class Octree:
         return np.add.reduceat(padded, ends, axis=0)[::2]
 
 
-def octree(places: np.ndarray) -> Octree:
+def build(places: np.ndarray) -> PointTree:
     """Octree over places (s, 3) with at most `LEAF` samples in a leaf, or as deep as `DEEPEST`."""
     low, width = places.min(axis=0), np.ptp(places, axis=0).max() * (1 + 1e-9) or 1.0
     cells = ((places - low) / width * 2**DEEPEST).astype(np.int64)
-    code = np.zeros(len(places), np.int64)
-    for bit in range(DEEPEST):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    code = morton(cells)
     order = np.argsort(code, kind="stable")
     code = code[order]
     starts, ends, depths = [np.array([0])], [np.array([len(code)])], [np.array([0])]
@@ -71,4 +70,4 @@ def octree(places: np.ndarray) -> Octree:
     start, end, depth_of = start[first], end[first], depth_of[first]
     skip = np.searchsorted(start, end)
     leaf = skip == np.arange(len(start)) + 1
-    return Octree(order, start, end, skip.astype(np.int32), leaf, 3**0.5 / 2 * width / 2.0**depth_of)
+    return PointTree(order, start, end, skip.astype(np.int32), leaf, 3**0.5 / 2 * width / 2.0**depth_of)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from clsss.device import Device
+from clsss.morton import BITS, morton
 
 LEAF_SIZE = 4  # triangles
 FAR = 3.0  # distance over radius from which a node counts as one: errors stay near 0.01
@@ -42,7 +43,8 @@ def winding_number(device: Device, triangles: np.ndarray, points: np.ndarray) ->
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre, half = (low + high) / 2, (high - low).max() / 2
     unit = (triangles - centre) / half
-    unit = unit[np.argsort(_morton(unit.mean(axis=1)))]
+    cells = (unit.mean(axis=1) + 1) * (2 ** (BITS - 1) - 0.01)
+    unit = unit[np.argsort(morton(cells.astype(np.int64)))]
     skip, leaf, nodes = _tree(unit)
     queries = device.array((points - centre) / half)
     out = device.empty(len(points))
@@ -51,16 +53,6 @@ def winding_number(device: Device, triangles: np.ndarray, points: np.ndarray) ->
         device.array(skip), device.array(leaf), device.array(nodes), device.array(unit), queries, out,
     )  # fmt: skip
     return out.get().astype(np.float64)
-
-
-def _morton(points: np.ndarray) -> np.ndarray:
-    """Place (n,) of points in [-1, 1]^3 along a Morton curve of 2^30 cells."""
-    code = np.zeros(len(points), np.int64)
-    cells = ((points + 1) * 511.99).astype(np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return code
 
 
 def _tree(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ import pytest
 
 from clsss import export
 from clsss.errors import InputError
+from clsss.srgb import srgb_encode
 
 
 def read_glb(path):
@@ -91,7 +92,7 @@ def test_ply_has_srgb_bytes_and_raw_floats(result, tmp_path):
     mesh = trimesh.load(tmp_path / "a.ply", process=False)
     np.testing.assert_allclose(mesh.vertices, result.mesh.vertices)
     np.testing.assert_array_equal(mesh.faces, result.mesh.faces)
-    expected = np.rint(255 * export.srgb_encode(shown(result)))
+    expected = np.rint(255 * srgb_encode(shown(result)))
     np.testing.assert_array_equal(mesh.visual.vertex_colors[:4, :3], expected)
     raw = mesh.metadata["_ply_raw"]["vertex"]["data"]
     for i, channel in enumerate("rgb"):
@@ -107,7 +108,7 @@ def test_obj_has_srgb_colours(result, tmp_path):
     lines = [line.split() for line in (tmp_path / "a.obj").read_text().splitlines() if line.startswith("v ")]
     table = np.array([line[1:] for line in lines], float)
     np.testing.assert_allclose(table[:, :3], result.mesh.vertices)
-    np.testing.assert_allclose(table[:4, 3:], export.srgb_encode(shown(result)), atol=1e-5)
+    np.testing.assert_allclose(table[:4, 3:], srgb_encode(shown(result)), atol=1e-5)
 
 
 def test_npz_keeps_everything(result, tmp_path):

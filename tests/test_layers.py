@@ -12,7 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "clsss"
 LAYERS = {
-    -1: ["errors", "discovery", "capture", "kernelsource"],
+    -1: ["errors", "discovery", "capture", "kernelsource", "morton", "srgb"],
     0: [
         "device",
         "materials",
@@ -24,7 +24,7 @@ LAYERS = {
         "images",
         "grammar",
         "camera",
-        "refine",
+        "subdivision",
         "pointtree",
         "bvh",
     ],

@@ -8,10 +8,10 @@ import trimesh
 
 from clsss import request
 from clsss.errors import InputError
-from clsss.images import srgb_decode
 from clsss.materials import Material, diffuse_reflectance, material
 from clsss.mesh import load_mesh
 from clsss.paint import Inward, read_colours
+from clsss.srgb import srgb_decode
 from tests.test_volumes import options
 
 

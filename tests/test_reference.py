@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from clsss import paths
-from clsss.bvh import build
+from clsss import bvh, paths, pointtree
 from clsss.device import Device
 from clsss.dipole import SPACING, dipole, entering, groenhuis_A, profile
 from clsss.errors import InputError
@@ -28,9 +27,8 @@ from clsss.media import Mix, Perlin
 from clsss.mesh import Mesh, load_mesh
 from clsss.montecarlo import PathWarning, estimate
 from clsss.photons import patches
-from clsss.pointtree import LEAF, octree
 from clsss.reference import monte_carlo
-from clsss.refine import areas, owners, refine
+from clsss.subdivision import areas, owners, subdivide
 
 DOWN = DirectionalLight((0, 0, -1))
 
@@ -69,7 +67,7 @@ def triangles_of(mesh_triangles):
 @pytest.mark.parametrize("m", [1, 2, 5, 12, 1280])
 def test_tree_holds_every_triangle_within_its_boxes(m):
     triangles = ball().triangles[:m]
-    tree = build(triangles)
+    tree = bvh.build(triangles)
     assert set(tree.order) == set(range(m))
     leaves = triangles[tree.order].reshape(tree.n_leaves, -1, 3)
     low, high = tree.boxes[:, :3], tree.boxes[:, 3:]
@@ -90,11 +88,11 @@ def test_places_belong_to_points_on_their_side():
 
 def test_octree_walk_meets_every_point_once():
     places = np.random.default_rng(0).normal(size=(3000, 3))
-    tree = octree(places)
+    tree = pointtree.build(places)
     assert sorted(tree.order) == list(range(3000))
     size = tree.end - tree.start
     assert size[tree.leaf].sum() == 3000
-    assert size[tree.leaf].max() <= LEAF
+    assert size[tree.leaf].max() <= pointtree.LEAF
     assert tree.skip[0] == len(tree.start)
     np.testing.assert_allclose(tree.sums(places[tree.order])[0], places.sum(axis=0))
     for node in range(0, len(tree.start), 97):
@@ -104,7 +102,7 @@ def test_octree_walk_meets_every_point_once():
 
 def test_refined_triangles_cover_the_same_surface():
     triangles = block().triangles
-    pieces, parent = refine(triangles, 30.0)
+    pieces, parent = subdivide(triangles, 30.0)
     np.testing.assert_allclose(np.bincount(parent, areas(pieces)), areas(triangles))
     edges = np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2)
     assert edges.max() <= 30
@@ -203,7 +201,7 @@ def test_dipole_names_what_it_cannot_do():
 
 def test_samples_are_fine_enough():
     coarse, fine = Material(0.05, 1.0), ball(4)
-    pieces, _ = refine(fine.triangles, SPACING / coarse.sigma_tr.max())
+    pieces, _ = subdivide(fine.triangles, SPACING / coarse.sigma_tr.max())
     assert np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2).max() <= SPACING / coarse.sigma_tr.max()
 
 
@@ -248,7 +246,7 @@ def test_no_photon_slips_through_triangles_of_all_sizes():
 def test_a_place_is_found_in_its_piece():
     """The numbering that kernels/surface.h finds pieces by: the piece's three parts about the place fill it."""
     k, corners = 5, np.array([[0.0, 0, 0], [3, 1, 0], [1, 2, 1]])
-    pieces, _ = refine(corners[None], 1e9, at_least=k)
+    pieces, _ = subdivide(corners[None], 1e9, at_least=k)
     assert len(pieces) == k**2
     u = np.random.default_rng(0).random((200, 2))
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)

@@ -13,7 +13,7 @@ def areas(triangles: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(*np.diff(triangles, axis=1).transpose(1, 0, 2)), axis=1) / 2
 
 
-def refine(triangles: np.ndarray, length: float, at_least: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def subdivide(triangles: np.ndarray, length: float, at_least: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Cut each triangle into k x k equal pieces whose edges are no longer than `length`.
 
     With barycentric coordinates i / k and j / k of the second and third corner, pieces of a triangle follow one
