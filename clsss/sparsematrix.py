@@ -11,30 +11,60 @@ from clsss.device import Buffer, Device
 if TYPE_CHECKING:
     from scipy import sparse
 
+LARGEST = 65535  # what the greatest entry of a row is as a whole number, or the sum of a row of means
+
 
 class SparseMatrix:
-    """A matrix by rows.
+    """A matrix by rows, four bytes an entry.
+
+    Columns have 16 bits where these suffice. An entry is a whole number of its row's unit, which is such that rows keep
+    their sums: light is neither made nor lost.
 
     Parameters
     ----------
     device : Device
     matrix : (n, m) sparse
+        Entries are not negative.
 
     Attributes
     ----------
     n : int
-    rows : tuple of Buffer
-        Where each row starts, columns and values, as kernels take them.
+    rows : tuple of int, Buffer or None
+        As kernels take them: entries of each row, or where each starts; columns in 16 or in 32 bits; numbers; units,
+        or None where rows sum to one.
     """
 
     def __init__(self, device: Device, matrix: sparse.csr_matrix):
         self.device, self.n = device, matrix.shape[0]
         self._kernel = device.kernel("exchange", "sparse_product")
-        self.rows = device.array(matrix.indptr, np.int32), device.array(matrix.indices, np.int32), device.array(
-            matrix.data, device.real
+        count, start, column = np.diff(matrix.indptr), matrix.indptr, matrix.indices
+        number, unit = _whole_numbers(count, matrix.data)
+        narrow = matrix.shape[1] <= 1 << 16
+        self.rows = (
+            int(count[0]),
+            None if (count == count[0]).all() else device.array(start, np.int32),
+            device.array(column, np.uint16) if narrow else None,
+            None if narrow else device.array(column, np.int32),
+            device.array(number, np.uint16),
+            None if unit is None else device.array(unit),
         )
 
     def multiply(self, scale: float, x: Buffer, y: Buffer, plus: Buffer | None = None) -> None:
         """Overwrite y (n, 4) with ``scale * A @ x + plus``, all on the device."""
         self.device.run(self._kernel, self.n, self.n, int(plus is not None), float(scale), *self.rows, x,
                         plus or x, y)  # fmt: skip
+
+
+def _whole_numbers(count: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Entries as whole numbers of their rows' units, and those units (n,); None where rows sum to one."""
+    filled = np.flatnonzero(count)
+    unit = np.zeros(len(count))
+    if not len(filled):
+        return unit, unit
+    first = np.cumsum(count)[filled] - count[filled]
+    total = np.add.reduceat(data, first)
+    if len(filled) == len(count) and np.abs(total - 1).max() < 1e-9:
+        return np.diff(np.rint(np.cumsum(data) * LARGEST), prepend=0), None
+    number = np.rint(data * np.repeat(LARGEST / np.maximum(np.maximum.reduceat(data, first), 1e-300), count[filled]))
+    unit[filled] = total / np.maximum(np.add.reduceat(number, first), 1)
+    return number, unit
