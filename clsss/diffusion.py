@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from clsss.around import Around, list_around
 from clsss.device import ROW_ALIGNMENT, Buffer, Device
 from clsss.octree import Octree
 
@@ -63,7 +64,7 @@ class Coefficients:
 
 @dataclass(frozen=True, eq=False)
 class Operator:
-    """The operator of every level (kernels/coefficients.cl), and the gradients' weights on the cut cells.
+    """The operator of every level (kernels/coefficients.cl), and what gradients on cut cells take.
 
     Attributes
     ----------
@@ -78,10 +79,8 @@ class Operator:
         Shares of `Level.junction_cell` in the transmissibility of their junction's face.
     irregular : (m,) int32, device
         Finest cells with a face whose flux has second-order terms.
-    inverse : (n_cut, 6, 3) real, device
-        Pseudo-inverses of the gradients' normal equations.
-    around : (n_cut, 27) int32, device
-        The finest cells around each cut cell, x fastest; itself where there is none.
+    around : Around
+        The cells that the gradients of cut cells are fitted to.
     slope : (n_cut, 3, 4) real, device
         Gradients of the last field that a residual was taken of, per cell width.
     """
@@ -93,8 +92,7 @@ class Operator:
     weight: list[Buffer | None]
     share: list[Buffer]
     irregular: Buffer
-    inverse: Buffer
-    around: Buffer
+    around: Around
     slope: Buffer
 
 
@@ -187,13 +185,8 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     for level, t in zip(octree.levels[1:], T[1:], strict=True):
         weight.append(device.empty((level.n, 4), np.uint8))
         device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
-    inverse, around = device.empty((cut.n, 6, 3)), device.empty((cut.n, 27), np.int32)
-    kernel = device.kernel("gradient", "gradient_inverse", *defines)
-    device.run(kernel, cut.n, cut.n, finest.h, A, octree.grid.dims, medium.D[-1], octree.block, octree.brick,
-               finest.position, cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
-               inverse, around)  # fmt: skip
     return Operator(octree, medium, T, absorb, weight, _shares(device, octree, medium, T), _irregular(device, octree),
-                    inverse, around, device.empty((cut.n, 3, CHANNELS)))  # fmt: skip
+                    list_around(device, octree), device.empty((cut.n, 3, CHANNELS)))  # fmt: skip
 
 
 def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer]) -> list[Buffer]:
@@ -273,8 +266,8 @@ class Residual:
             run(self._carry, m, m, coarse.n, fine.n, coarse.interface, coarse.interface_start, coarse.nbr,
                 self._centred[k], fine.ghost_face, fine.position, phi[k], phi[k + 1])  # fmt: skip
         octree, cut, finest = op.octree, op.octree.cut, levels[-1]
-        run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.around, cut.cell,
-            octree.cut_index, cut.centroid, cut.boundary, cut.normal, op.inverse, self.wall, phi[-1],
+        run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], *op.around.arguments,
+            cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal, self.wall, phi[-1],
             op.slope)  # fmt: skip
 
     def __call__(self, phi: Field, b: Field, r: Field) -> None:
