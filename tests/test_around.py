@@ -66,6 +66,7 @@ def test_gradients_are_the_same_on_the_widest_grids(device):
     np.testing.assert_array_equal(*found)
 
 
+@pytest.mark.slow
 def test_grids_of_more_than_16_bits_are_told(single):
     """A plane of cells so wide that the next plane's are 50,000 cells of a colour away."""
     tree = build_tree(single, box((20.0, 20.0, 0.25)), 330, refine=None)
