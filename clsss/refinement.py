@@ -25,18 +25,13 @@ SIGMA_VARIATION = 0.1  # greatest (max - min) / (max + min) of sigma_tr over a l
 Refine = Callable[[np.ndarray, float, np.ndarray], np.ndarray]
 
 
-def _pool_max(values: np.ndarray) -> np.ndarray:
-    """Greatest value of the eight children of each cell of the next coarser grid."""
+def pool(values: np.ndarray) -> np.ndarray:
+    """Greatest value of the eight children of each cell of the next coarser grid; of a mask, whether any is set."""
     values = np.pad(values, [(0, n % 2) for n in values.shape], mode="edge")
     for axis in range(3):
         pairs = np.moveaxis(values, axis, 0)
         values = np.moveaxis(np.maximum(pairs[::2], pairs[1::2]), 0, axis)
     return values
-
-
-def pool(mask: np.ndarray) -> np.ndarray:
-    """Whether any of the eight children of each cell of the next coarser grid is set."""
-    return _pool_max(mask)
 
 
 def _pool_around(mask: np.ndarray) -> np.ndarray:
@@ -79,7 +74,7 @@ def split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Refi
         near[tuple(again.T)] = True
         split.insert(0, has[level] & near)
         near = _dilate(pool(split[0]), BAND)
-        layers = -_pool_max(-layers)
+        layers = -pool(-layers)
     return split
 
 

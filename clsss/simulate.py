@@ -19,6 +19,7 @@ from clsss.arguments import check, check_memory, checked_lights, checked_points
 from clsss.device import open_device
 from clsss.errors import InputError
 from clsss.exchange import leaving_shape, trace_exchange
+from clsss.inner import Inner, in_wide_cells, within
 from clsss.layer import fitted_layer
 from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
 from clsss.materials import fresnel_A
@@ -157,8 +158,14 @@ class Result:
 
     @_in_turn
     def relight(self, lights: Sequence[Any], progress: bool | Progress | None = None) -> Result:
-        """The same object under other lights: only source and solve are redone, from the last solution."""
+        """The same object under other lights: only source and solve are redone, from the last solution.
+
+        Lights inside the object need fine cells around them; where the octree has none it warns, and `simulate` does.
+        """
         start, found = perf_counter(), checked_lights(lights)
+        if in_wide_cells(self._scene.octree, found):
+            text = "lights inside the object where its cells are wide, as they were made for others: simulate it again"
+            warnings.warn(text, UserWarning, stacklevel=2)
         seconds = {"load": 0.0, **dict.fromkeys(STAGES, 0.0)}
         return _bake(self._scene, self.medium, found, self._solution, seconds, start, _reporter(progress))
 
@@ -189,7 +196,8 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     resolution : int
         Finest cells along the longest side of the bounding box.
     adaptive : bool
-        Merge cells inside, where light varies slowly.
+        Merge cells inside, where light varies slowly: away from the surface, and from lamps and varying emission
+        inside.
     tolerance : float
         Residual to reach relative to the source, 2-norm, in every channel.
     precision : {"single", "double"}
@@ -235,7 +243,8 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         samples = cutcell.sample_surface(dev, grid, mesh)
         dev.finish()
     with timed("octree", seconds, tell):
-        tree = octree.build(dev, grid, samples, varies(medium) if adaptive else None)
+        refine = Inner(grid, lights, within(grid, samples.inside)).around(varies(medium)) if adaptive else None
+        tree = octree.build(dev, grid, samples, refine)
         del samples
         if tree.n_leaves == 0:
             raise InputError(

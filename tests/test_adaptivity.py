@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from shapes import relative_rms, solve, sphere
 
 from clsss.analytic_sphere import sphere as exact_sphere
-from clsss.lights import DirectionalLight, Emission
+from clsss.cutcell import make_grid
+from clsss.inner import Inner
+from clsss.lights import DirectionalLight, Emission, PointLight
 from clsss.materials import Material, fresnel_A, material
 from clsss.mesh import load_mesh
 from clsss.refinement import varies
@@ -56,3 +59,47 @@ def test_half_the_cells_of_a_scan_are_as_accurate(shared, name):
         leaves.append(result.report["octree"]["leaves"])
     assert leaves[0] <= 0.5 * leaves[1]
     assert (np.array(errors[0]) <= 1.2 * np.array(errors[1])).all()
+
+
+SEED = 1.5  # radius of what shines inside a ball of 10 [mm]
+
+
+def seed(points):
+    assert (np.linalg.norm(points, axis=1) < 10.1).all()  # nobody is asked what shines outside
+    return np.where(np.linalg.norm(points, axis=1) < SEED, 1.0, 0.0)
+
+
+@pytest.mark.parametrize("medium", [GLOWING, ABSORBING], ids=["glowing", "absorbing"])
+def test_cells_are_fine_where_light_starts_inside(double, medium):
+    """A small glowing ball in the middle, where cells are widest: deposit and fluence as on the uniform grid."""
+    a, s, A = medium.sigma_a[0], medium.sigma_s[0], fresnel_A(medium.eta)
+    phi = exact_sphere([SEED, 10.0], [a, a], [s, s], A, q0=[1.0, 0.0])
+    mesh, lights, found = sphere(subdivisions=5), [Emission(seed)], {}
+    inner = Inner(make_grid(mesh.bounds, 64), lights, lambda points: np.linalg.norm(points, axis=1) < 10)
+    for name, refine in (("uniform", None), ("octree", inner.around(varies(medium)))):
+        solved = solve(double, mesh, medium, lights, 64, 1e-8, refine=refine)
+        points, volumes, values, _ = solved.leaves()
+        r = np.linalg.norm(points, axis=1)
+        near = (r > SEED) & (r < 5)
+        error = relative_rms(values[near, 0] / phi(r[near]), 1.0, volumes[near])
+        found[name] = solved.tree.n_leaves, error, (seed(points) * volumes).sum()
+    assert found["octree"][0] < 0.75 * found["uniform"][0]
+    assert found["octree"][1] < found["uniform"][1] + 0.01
+    assert found["octree"][2] == pytest.approx(found["uniform"][2], rel=1e-12)
+
+
+def test_a_lamp_inside_is_as_exact_as_on_the_uniform_grid():
+    mesh, lamp = load_mesh(trimesh.creation.icosphere(4, 10.0)), PointLight((2.0, 1.0, -3.0))
+    r = np.linspace(1.5, 5, 8)[:, None]
+    places = lamp.position + np.concatenate([r * d for d in np.vstack([np.eye(3), -np.eye(3)])])
+    uniform, octree = (simulate(mesh, GLOWING, [lamp], 64, adaptive).fluence(places) for adaptive in (False, True))
+    np.testing.assert_allclose(octree, uniform, rtol=0.03)
+
+
+def test_relight_says_where_its_octree_is_too_coarse():
+    result = simulate(load_mesh(trimesh.creation.icosphere(4, 10.0)), GLOWING, [DirectionalLight((0, 0, 1))], 64)
+    with pytest.warns(UserWarning, match="simulate it again"):
+        result.relight([PointLight((0, 0, 0))])
+    with pytest.warns(UserWarning, match="simulate it again"):
+        result.relight([Emission(seed)])
+    result.relight([PointLight((0, 0, 12)), Emission(1.0)])
