@@ -169,19 +169,19 @@ class Beams:
         parts = list(zip(medium.D, medium.sigma_a, medium.sigma_s, strict=True))
         finest, F, F_B = octree.finest, self._F, self._F_B
         kernel = device.kernel("source", "deposit_finest", *defines)
-        device.run(kernel, finest.n, finest.n, finest.h, g, float(medium.fresnel_A), where, *parts[-1], *parts[-2],
-                   medium.fitted, finest.position, finest.nbr, finest.parent, octree.cut_index, cut.centroid,
-                   cut.boundary, cut.normal, cut.aperture, cut.face_centroid, F_B, F[-1], self.Q[-1],
+        device.run(kernel, finest.n, finest.n, finest.h, g, float(medium.fresnel_A), where, *parts[-1], medium.D[-2],
+                   medium.sigma_s[-2], medium.fitted, finest.position, finest.nbr, finest.parent, octree.cut_index,
+                   cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid, F_B, F[-1], self.Q[-1],
                    self.lost)  # fmt: skip
         coarse = device.kernel("source", "deposit_coarse", *defines)
         interface = device.kernel("source", "deposit_interface", *defines)
         for k, level in enumerate(levels[:-1]):
             up, fine, m = max(k - 1, 0), levels[k + 1], level.interface.shape[0]
-            device.run(coarse, level.n, level.n, level.h, g, level.depth, where, *parts[k], *parts[up],
-                       level.position, level.nbr, level.parent, level.is_leaf, F[k],
+            device.run(coarse, level.n, level.n, level.h, g, level.depth, where, *parts[k], medium.D[up],
+                       medium.sigma_s[up], level.position, level.nbr, level.parent, level.is_leaf, F[k],
                        self.Q[k])  # fmt: skip
-            device.run(interface, m, m, fine.n, fine.h, g, fine.depth, where, *parts[k], *parts[k + 1], level.interface,
-                       level.interface_start, fine.ghost_face, fine.position,
+            device.run(interface, m, m, fine.n, fine.h, g, fine.depth, where, *parts[k], medium.D[k + 1],
+                       medium.sigma_s[k + 1], level.interface, level.interface_start, fine.ghost_face, fine.position,
                        F[k + 1], self.Q[k])  # fmt: skip
         kernel = device.kernel("moment", "moment", *defines)
         device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], medium.fitted, finest.position,

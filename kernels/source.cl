@@ -1,11 +1,12 @@
 /* source.cl -- what a beam deposits, as the divergence of its flux: the total is what enters minus what leaves,
  * times the albedo a, at any cell size.
  *
- *     B_f = A_f (a + 3 D g sigma_s) (omega . e) LM(F_i, F_j),   Q_i = -(sum_f B_f + A_B a (omega . n_B) F_B)
+ *     B_f = A_f (a_i + 3 D g sigma_s) (omega . e) LM(F_i, F_j),   Q_i = -(sum_f B_f + A_B a_i (omega . n_B) F_B)
  *
- * The second term of a face is the flux 3 D q1 of the first moment q1 = g sigma_s F omega; at the boundary phi_B
- * holds it already. LM, the logarithmic mean, is the exact mean of an exponential between the two centroids; where a
- * link is fitted (layer.h) each end has its own, and what neither gets is absorbed on the way (lost).
+ * a_i is the cell's own: a beam scatters nothing where it passes from one albedo to another. The second term of a face
+ * is the flux 3 D q1 of the first moment q1 = g sigma_s F omega; at the boundary phi_B holds it already. LM, the
+ * logarithmic mean, is the exact mean of an exponential between the two centroids; where a link is fitted (layer.h)
+ * each end has its own, and what neither gets is absorbed on the way (lost).
  */
 #include "real.h"
 #include "face.h"
@@ -58,8 +59,7 @@ REAL4 lost_below(const REAL4 u, const REAL4 v, const REAL4 x2, const REAL d, con
 /* Q on the finest level. */
 // cost deposit_finest: 90R+28M+50 B, 300 flop
 __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL fresnel_A, const REAL4 light, MEDIUM D,
-                             MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_a_coarse,
-                             MEDIUM sigma_s_coarse, MEDIUM fitted,
+                             MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_s_coarse, MEDIUM fitted,
                              __global const ushort *restrict position,
                              __global const int *restrict nbr, __global const int *restrict parent,
                              __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
@@ -69,7 +69,8 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
                              __global REAL4 *restrict Q, __global REAL4 *restrict lost) {
     const int i = get_global_id(0);
     if (i >= n) return;
-    const REAL4 corner = corner_of(i, position), own = carried(g, D, sigma_a, sigma_s, i);
+    const REAL4 corner = corner_of(i, position), a = albedo(sigma_a, sigma_s, i);
+    const REAL4 own = first_moment(g, D, sigma_s, i);
     const REAL4 k2 = AT(fitted, i);
     const int cut = cut_index[i];
     REAL4 sum = (REAL4)(0), on_the_way = (REAL4)(0);
@@ -89,11 +90,11 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
                                 h * (AT(sigma_a, i) + AT(sigma_s, i)), normal, F_B);
             F_j = carried_along(F_j, c, up ? face.tau_high : face.tau_low, towards,
                                 h * (AT(sigma_a, j) + AT(sigma_s, j)), normal, F_B);
-            other = carried(g, D, sigma_a, sigma_s, j);
+            other = first_moment(g, D, sigma_s, j);
         } else {
-            other = carried(g, D_coarse, sigma_a_coarse, sigma_s_coarse, parent[j]);
+            other = first_moment(g, D_coarse, sigma_s_coarse, parent[j]);
         }
-        const REAL4 flux = area * outward(towards, f) * (own + other) / 2, mean = near_mean(F_i, F_j, x2);
+        const REAL4 flux = area * outward(towards, f) * (a + (own + other) / 2), mean = near_mean(F_i, F_j, x2);
         sum -= flux * mean;
         if (cut >= 0 && any_fitted(x2)) on_the_way += flux * (mean - near_mean(F_j, F_i, x2)) / (c < 0 ? 1 : 2);
     }
@@ -102,10 +103,10 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
         p.w = 0;
         const REAL inward = dot(beam_at(light, p).towards.xyz, normal[cut].xyz);
         const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.05);
-        const REAL4 x2 = depth2(k2, d, normal[cut], boundary[cut]), a = albedo(sigma_a, sigma_s, i);
+        const REAL4 x2 = depth2(k2, d, normal[cut], boundary[cut]);
         sum += inward * a * F_B[cut];
         if (any_fitted(x2)) {
-            const REAL4 at_surface = inward * lost_below(F_B[cut], F[i], x2, d * h, AT(D, i), a, own, fresnel_A);
+            const REAL4 at_surface = inward * lost_below(F_B[cut], F[i], x2, d * h, AT(D, i), a, a + own, fresnel_A);
             sum -= at_surface;
             lost[cut] += h * h * (on_the_way + at_surface);
         }
@@ -114,46 +115,45 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
 }
 
 /* Q on the leaves of a coarser level, but for the faces to finer cells. */
-// cost deposit_coarse: 70R+21M+50 B, 200 flop
+// cost deposit_coarse: 70R+15M+50 B, 200 flop
 __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int depth, const REAL4 light, MEDIUM D,
-                             MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_a_coarse,
-                             MEDIUM sigma_s_coarse,
+                             MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_s_coarse,
                              __global const ushort *restrict position, __global const int *restrict nbr,
                              __global const int *restrict parent, __global const uchar *restrict is_leaf,
                              __global const REAL4 *restrict F, __global REAL4 *restrict Q) {
     const int i = get_global_id(0);
     if (i >= n || !is_leaf[i]) return;
     const REAL width = 1 << depth;
-    const REAL4 corner = width * corner_of(i, position), own = carried(g, D, sigma_a, sigma_s, i);
+    const REAL4 corner = width * corner_of(i, position), a = albedo(sigma_a, sigma_s, i);
+    const REAL4 own = first_moment(g, D, sigma_s, i);
     REAL4 sum = (REAL4)(0);
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
         if (j == i || (j < n && !is_leaf[j])) continue;
-        const REAL4 other = j < n ? carried(g, D, sigma_a, sigma_s, j)
-                                  : carried(g, D_coarse, sigma_a_coarse, sigma_s_coarse, parent[j]);
-        sum -= outward(towards_light(light, corner, width, f), f) * (own + other) / 2 * log_mean(F[i], F[j]);
+        const REAL4 other = j < n ? first_moment(g, D, sigma_s, j) : first_moment(g, D_coarse, sigma_s_coarse, parent[j]);
+        sum -= outward(towards_light(light, corner, width, f), f) * (a + (own + other) / 2) * log_mean(F[i], F[j]);
     }
     Q[i] += h * h * sum;
 }
 
 /* The faces to finer cells: what leaves those enters here. */
-// cost deposit_interface: 70R+15M+50 B, 200 flop
+// cost deposit_interface: 70R+11M+50 B, 200 flop
 __kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine, const REAL g, const int depth_fine,
                                 const REAL4 light, MEDIUM D, MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_fine,
-                                MEDIUM sigma_a_fine, MEDIUM sigma_s_fine, __global const int *restrict interface,
+                                MEDIUM sigma_s_fine, __global const int *restrict interface,
                                 __global const int *restrict interface_start, __global const int *restrict ghost_face,
                                 __global const ushort *restrict position_fine, __global const REAL4 *restrict F_fine,
                                 __global REAL4 *restrict Q) {
     const int m = get_global_id(0);
     if (m >= n) return;
     const REAL width = 1 << depth_fine;
+    const REAL4 a = albedo(sigma_a, sigma_s, interface[m]), own = first_moment(g, D, sigma_s, interface[m]);
     REAL4 sum = (REAL4)(0);
     for (int k = interface_start[m]; k < interface_start[m + 1]; k++) {
         const int i = ghost_face[k] / 6, f = ghost_face[k] % 6;
         const REAL4 corner = width * corner_of(i, position_fine);
-        const REAL4 a = (carried(g, D_fine, sigma_a_fine, sigma_s_fine, i) +
-                         carried(g, D, sigma_a, sigma_s, interface[m])) / 2;
-        sum += outward(towards_light(light, corner, width, f), f) * a * log_mean(F_fine[i], F_fine[n_fine + k]);
+        const REAL4 both = own + first_moment(g, D_fine, sigma_s_fine, i);
+        sum += outward(towards_light(light, corner, width, f), f) * (a + both / 2) * log_mean(F_fine[i], F_fine[n_fine + k]);
     }
     Q[interface[m]] += h_fine * h_fine * sum;
 }

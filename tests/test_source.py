@@ -22,6 +22,7 @@ from clsss import analytic, diffusion
 from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_transmittance
+from clsss.media import Mix
 from clsss.source import Beams, light_unit, make_source
 from clsss.surface import boundary_points
 
@@ -302,6 +303,22 @@ def test_lit_side_of_a_tilted_plate(double, sigma_h, albedo, mean, rms):
     area = solved.tree.cut.boundary.get()[middle, 3]
     assert abs(np.average(error, weights=area)) <= mean
     assert np.sqrt(np.average(error**2, weights=area)) <= rms
+
+
+@pytest.mark.parametrize("albedos", [(0.99, 0.8), (0.8, 0.99)])
+def test_lit_plate_of_two_albedos(double, albedos):
+    """Nothing is scattered by passing from one albedo to another: against layers of one sigma_tr."""
+    size, resolution, eta, top = np.array([24.0, 24.0, 8.0]), 48, 1.3, 1.3
+    mesh, inward, sigma = box(tuple(size), ROTATION), -ROTATION[:, 2], 1.0
+    layers = [Material(sigma * (1 - a), sigma * a, eta=eta) for a in albedos]
+    medium = Mix(*layers, lambda points: size[2] / 2 - points @ ROTATION[:, 2] > top)
+    solved = solve(double, mesh, medium, [DirectionalLight(inward)], resolution, 1e-7)
+    points, normals = boundary_points(solved.tree)
+    exact = analytic.slab((top, size[2] - top), *zip(*[(sigma * (1 - a), sigma * a) for a in albedos], strict=True),
+                          fresnel_A=fresnel_A(eta))  # fmt: skip
+    lit_side = (np.abs((points @ ROTATION)[:, :2]) < 4).all(axis=1) & (normals @ inward < -0.99)
+    error = solved.phi_B[lit_side, 0] / (fresnel_transmittance(1.0, eta) * exact.phi(0.0)) - 1
+    assert abs(np.average(error, weights=solved.tree.cut.boundary.get()[lit_side, 3])) <= 0.02
 
 
 @pytest.mark.parametrize(("sigma_h", "albedo", "rms"), [(5.0, 0.99, 0.03), (5.0, 0.9, 0.05), (10.0, 0.9, 0.06)])
