@@ -81,8 +81,6 @@ class Operator:
         Finest cells with a face whose flux has second-order terms.
     around : Around
         The cells that the gradients of cut cells are fitted to.
-    slope : (n_cut, 3, 4) real, device
-        Gradients of the last field that a residual was taken of, per cell width.
     """
 
     octree: Octree
@@ -93,7 +91,6 @@ class Operator:
     share: list[Buffer]
     irregular: Buffer
     around: Around
-    slope: Buffer
 
 
 class Field(list[Buffer]):
@@ -186,7 +183,7 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
         weight.append(device.empty((level.n, 4), np.uint8))
         device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
     return Operator(octree, medium, T, absorb, weight, _shares(device, octree, medium, T), _irregular(device, octree),
-                    list_around(device, octree), device.empty((cut.n, 3, CHANNELS)))  # fmt: skip
+                    list_around(device, octree))  # fmt: skip
 
 
 def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer]) -> list[Buffer]:
@@ -232,15 +229,22 @@ class Residual:
     ----------
     device : Device
     op : Operator
+    room : Buffer, optional
+        Memory that nothing else needs while residuals and boundary values are taken.
 
     Attributes
     ----------
+    slope : (n_cut, 3, 3) real, device
+        Gradients of the last field completed, by axis, then channel, per cell width; in `room` if there is enough.
     wall : (n_cut, 4) real, device
         3 D q1 . n of the source at the boundary, which the gradients there need [W/mm^2].
     """
 
-    def __init__(self, device: Device, op: Operator):
+    def __init__(self, device: Device, op: Operator, room: Buffer | None = None):
         self.device, self.op = device, op
+        shape = (op.octree.cut.n, 3, 3)
+        fits = room is not None and 9 * shape[0] * device.real.itemsize <= room.nbytes
+        self.slope = Buffer(device, shape, device.real, room.data) if room and fits else device.empty(shape)
         self.wall = device.zeros((op.octree.cut.n, CHANNELS))
         d = op.medium.defines
         self._average = device.kernel("restrict", "average", *d)
@@ -254,7 +258,7 @@ class Residual:
         self._boundary = device.kernel("correct", "boundary_value", *d)
 
     def complete(self, phi: Field) -> None:
-        """Fill what depends on the leaves: covered cells, ghosts, and `op.slope`."""
+        """Fill what depends on the leaves: covered cells, ghosts, and `slope`."""
         run, op, levels = self.device.run, self.op, self.op.octree.levels
         # covered cells count where leaves of their width have them as neighbours
         needed = [k for k, level in enumerate(levels) if level.interface.shape[0]]
@@ -268,7 +272,7 @@ class Residual:
         octree, cut, finest = op.octree, op.octree.cut, levels[-1]
         run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], *op.around.arguments,
             cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal, self.wall, phi[-1],
-            op.slope)  # fmt: skip
+            self.slope)  # fmt: skip
 
     def __call__(self, phi: Field, b: Field, r: Field) -> None:
         """Overwrite `r` with b - A_h phi on the leaves, zero on covered cells.
@@ -292,7 +296,7 @@ class Residual:
         m = op.irregular.shape[0]
         run(self._correct, m, m, finest.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.medium.fitted,
             op.irregular, finest.nbr, octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.face_centroid,
-            T[-1], op.slope, phi[-1], r[-1])  # fmt: skip
+            T[-1], self.slope, phi[-1], r[-1])  # fmt: skip
 
     def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
         """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].
@@ -308,5 +312,5 @@ class Residual:
         """As `boundary_value`, for a complete `phi`, into `phi_B`."""
         op, cut = self.op, self.op.octree.cut
         self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D[-1],
-                        op.medium.fitted, cut.cell, cut.centroid, cut.boundary, cut.normal, op.slope, moment, phi[-1],
+                        op.medium.fitted, cut.cell, cut.centroid, cut.boundary, cut.normal, self.slope, moment, phi[-1],
                         phi_B)  # fmt: skip

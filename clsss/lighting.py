@@ -264,7 +264,7 @@ def interpolate(scene: Scene, solution: Solution, points: np.ndarray) -> np.ndar
     scene.multigrid.residual.complete(phi)
     out = np.full((len(points), 3), np.nan)
     depth, index = octree.find(points)
-    slopes = scene.multigrid.op.slope.get()[:, :, :3].astype(float)
+    slopes = scene.multigrid.residual.slope.get().astype(float)
     cut_index, centroids = octree.cut_index.get(), cell_points(octree)
     for k, level in enumerate(octree.levels):
         here = np.flatnonzero(depth == level.depth)

@@ -76,8 +76,8 @@ class Multigrid:
     def __init__(self, device: Device, op: Operator):
         self.device, self.op = device, op
         d = op.medium.defines
-        self.residual = Residual(device, op)
         self.e, self.r = Field(device, op.octree), Field(device, op.octree)
+        self.residual = Residual(device, op, self.e[-1])  # no correction is wanted while a residual is taken
         self._smooth, self._from_zero = (device.kernel("smooth", name, *d) for name in ("smooth", "smooth_from_zero"))
         self._leave_residual = device.kernel("restrict", "leave_residual", *d)
         self._smooth_beyond = device.kernel("junction", "smooth_with_junctions", *d)

@@ -3,22 +3,27 @@
 #include "conductance.h"
 #include "layer.h"
 
-REAL4 along(const int c, const REAL4 d, __global const REAL4 *restrict slope) {
-    return c < 0 ? (REAL4)(0) : d.x * slope[3 * c] + d.y * slope[3 * c + 1] + d.z * slope[3 * c + 2];
+/* The gradient along an axis; the spare channel repeats the third. */
+REAL4 slope_along(const int c, const int axis, __global const REAL *restrict slope) {
+    return vload3(3 * c + axis, slope).xyzz;
+}
+
+REAL4 along(const int c, const REAL4 d, __global const REAL *restrict slope) {
+    return d.x * slope_along(c, 0, slope) + d.y * slope_along(c, 1, slope) + d.z * slope_along(c, 2, slope);
 }
 
 /* phi on the inner end of the normal through x_B. */
 REAL4 value_below(const int c, const REAL4 value, const REAL d, const REAL4 n, __global const REAL4 *restrict centroid,
-                  __global const REAL4 *restrict boundary, __global const REAL4 *restrict slope) {
+                  __global const REAL4 *restrict boundary, __global const REAL *restrict slope) {
     return value + along(c, boundary[c] - d * n - centroid[c], slope);
 }
 
 /* g . tau from a cell's centroid to the point x of a face across the other axis than a and b. */
 REAL4 rise_to(const int c, const int a, const int b, const REAL2 x, __global const REAL4 *restrict centroid,
-              __global const REAL4 *restrict slope) {
+              __global const REAL *restrict slope) {
     if (c < 0) return (REAL4)(0);
     __global const REAL *restrict from = (__global const REAL *)(centroid + c);
-    return (x.x - from[a]) * slope[3 * c + a] + (x.y - from[b]) * slope[3 * c + b];
+    return (x.x - from[a]) * slope_along(c, a, slope) + (x.y - from[b]) * slope_along(c, b, slope);
 }
 
 /* Distance [cells] of the centroids of a cell and its neighbour across face f, along the axis. */
@@ -38,7 +43,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                                __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
                                __global const REAL2 *restrict face_centroid, __global const COND *restrict T,
-                               __global const REAL4 *restrict slope, __global const REAL4 *restrict x,
+                               __global const REAL *restrict slope, __global const REAL4 *restrict x,
                                __global REAL4 *restrict r) {
     const int m = get_global_id(0);
     if (m >= n) return;
@@ -81,7 +86,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
 __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                              __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                             __global const REAL4 *restrict slope, __global const REAL4 *restrict moment,
+                             __global const REAL *restrict slope, __global const REAL4 *restrict moment,
                              __global const REAL4 *restrict x, __global REAL4 *restrict phi_B) {
     const int c = get_global_id(0);
     if (c >= n) return;

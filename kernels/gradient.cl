@@ -50,13 +50,13 @@ Symmetric inverse(const Symmetric m) {
     return (Symmetric){s * xx, s * yy, s * zz, s * xy, s * xz, s * yz};
 }
 
-// cost gradient: 262R+1M+180 B, 1500 flop
+// cost gradient: 259R+1M+180 B, 1500 flop
 __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, const int n_red, const int n_cells,
                        __global const ushort *restrict around, __global const short *restrict far,
                        __global const int *restrict cut_cell, __global const int *restrict cut_index,
                        __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                        __global const REAL4 *restrict normal, __global const REAL4 *restrict wall,
-                       __global const REAL4 *restrict x, __global REAL4 *restrict slope) {
+                       __global const REAL4 *restrict x, __global REAL *restrict slope) {
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
@@ -85,7 +85,7 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
     const REAL4 right_z = fold(s.right_z) + value_there * row_z;
     const Symmetric r = inverse((Symmetric){mx.x + row_x * row_x, my.y + row_y * row_y, mz.z + row_z * row_z,
                                             mx.y + row_x * row_y, mx.z + row_x * row_z, my.z + row_y * row_z});
-    slope[3 * c] = r.xx * right_x + r.xy * right_y + r.xz * right_z;
-    slope[3 * c + 1] = r.xy * right_x + r.yy * right_y + r.yz * right_z;
-    slope[3 * c + 2] = r.xz * right_x + r.yz * right_y + r.zz * right_z;
+    vstore3((r.xx * right_x + r.xy * right_y + r.xz * right_z).xyz, 3 * c, slope);
+    vstore3((r.xy * right_x + r.yy * right_y + r.yz * right_z).xyz, 3 * c + 1, slope);
+    vstore3((r.xz * right_x + r.yz * right_y + r.zz * right_z).xyz, 3 * c + 2, slope);
 }

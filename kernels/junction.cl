@@ -54,7 +54,7 @@ __kernel void smooth_with_junctions(const int first, const int n, const REAL ome
         sum += t * value_beyond(nbr[6 * i + f], n_rows, start, cell, share, x);
         diagonal += t;
     }
-    x[i] += omega * (sum / diagonal - x[i]);
+    x[i] = (1 - omega) * x[i] + omega * sum / diagonal;
 }
 
 // cost leave_residual_with_junctions: 46R+24 B, 76 flop

@@ -19,7 +19,7 @@ __kernel void smooth(const int first, const int n, const REAL omega, __global co
         sum += t * x[nbr[6 * i + f]];
         diagonal += t;
     }
-    x[i] += omega * (sum / diagonal - x[i]);
+    x[i] = (1 - omega) * x[i] + omega * sum / diagonal;
 }
 
 /* The first half of the first sweep, from zero everywhere: neighbours have nothing to give. */

@@ -317,7 +317,7 @@ def test_gradients_of_thin_fins_leave_out_what_they_do_not_have(double):
     residual = Residual(double, op)
     residual.complete(phi)
     expected = np.array([scheme.gradient(values, i) for i in tree.cut.cell.get()])
-    found = op.slope.get()[:, :, 0]
+    found = residual.slope.get()[:, :, 0]
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
     assert scheme.singular > 3
 

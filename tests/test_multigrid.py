@@ -23,7 +23,7 @@ from shapes import (
 )
 
 from clsss import source
-from clsss.diffusion import Field
+from clsss.diffusion import Field, Residual
 from clsss.lights import DirectionalLight, Emission
 from clsss.materials import Material
 from clsss.multigrid import OVER, Multigrid
@@ -82,6 +82,28 @@ def test_restriction_keeps_totals(double, make):
         expected = np.zeros((coarse.n, 4))
         np.add.at(expected, fine.parent.get()[: fine.n], left)
         np.testing.assert_allclose(mg.r[k - 1].get()[: coarse.n], expected, atol=1e-13)
+
+
+def test_gradients_lie_where_the_correction_will(device):
+    """And leave nothing there that a cycle takes up. Where there is no room, they have memory of their own."""
+    mg = multigrid_for(device, sphere(), MATERIAL, 24)
+    rng = np.random.default_rng(7)
+    phi, b, r = random_field(mg, rng), random_field(mg, rng), Field(device, mg.op.octree)
+    apart = Residual(device, mg.op, mg.e[0])
+    apart(phi, b, r)
+    expected = r.whole.get()
+    mg.residual(phi, b, mg.r)
+    np.testing.assert_array_equal(mg.r.whole.get(), expected)
+    np.testing.assert_array_equal(mg.residual.slope.get(), apart.slope.get())
+    assert mg.residual.slope.data is mg.e[-1].data
+    assert apart.slope.data is not mg.e[0].data
+    corrections = []
+    for stale in (0.0, 1e6):
+        mg.e[-1].fill(stale)
+        mg.r.whole.set(expected)
+        mg.v_cycle(len(mg.e) - 1)
+        corrections.append(mg.e.whole.get())
+    np.testing.assert_array_equal(*corrections)
 
 
 def prolonged(mg, k, values):
