@@ -1,6 +1,6 @@
 """The thread that bakes beside the viewer's window, and what is seen of a result from where the camera is.
 
-Input: the options, then lights and places of the eye. Output: a Mesh, then Views.
+Input: the options, then lights and cameras. Output: a Mesh, then Views.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clsss.export import display_scale
+from clsss.request import camera_from
 from clsss.running import bake, load, overall
 
 if TYPE_CHECKING:
@@ -36,17 +38,18 @@ def seen_from(result: Result, eye: np.ndarray, depths: int = LOOK) -> np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A result and what is seen of it, as of `seen_from`."""
+    """A result, what is seen of it, as of `seen_from`, and the automatic exposure of that, as of `display_scale`."""
 
     result: Result
     radiosity: np.ndarray
+    scale: float
 
 
 class Baker(threading.Thread):
     """Loads and bakes beside the window, then bakes again for every new set of lights.
 
     `events` receives a Mesh, then Views, or the error that ended it; `doing` is (stage, share done) while it bakes.
-    `wishes` takes lights, or None where only `eye` is another.
+    `wishes` takes lights, or None where only `camera` is another.
     """
 
     def __init__(self, args: argparse.Namespace, wake: Callable[[], None]):
@@ -54,7 +57,7 @@ class Baker(threading.Thread):
         self._args, self._wake = args, wake
         self.events: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.wishes: queue.SimpleQueue[list[Light] | None] = queue.SimpleQueue()
-        self.eye = np.zeros(3)
+        self.camera = camera_from(args)
         self.doing: tuple[str, float] | None = ("reading the mesh", 0.0)
 
     def run(self) -> None:
@@ -74,9 +77,14 @@ class Baker(threading.Thread):
     def _show(self, result: Result) -> None:
         """Post what is seen of a result; more exactly while nothing else is wished for."""
         self.doing = None
-        self._post(View(result, seen_from(result, self.eye, GLANCE)))
+        self._post(self._look(result, GLANCE))
         if result.vertex_radiosity_single is not None and self.wishes.empty():
-            self._post(View(result, seen_from(result, self.eye)))
+            self._post(self._look(result, LOOK))
+
+    def _look(self, result: Result, depths: int) -> View:
+        camera = self.camera
+        radiosity = seen_from(result, camera.eye, depths)
+        return View(result, radiosity, display_scale(result.mesh, radiosity, camera.axes()[2]))
 
     def _wish(self) -> list[Light] | None:
         """The last lights that are wished for, or None for another look."""

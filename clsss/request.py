@@ -15,6 +15,7 @@ from clsss.options import DEFAULT_MATERIAL, DEMO, default_lights
 if TYPE_CHECKING:
     import numpy as np
 
+    from clsss.camera import Camera
     from clsss.lights import Light
     from clsss.materials import Material, Medium
     from clsss.mesh import Mesh
@@ -36,12 +37,17 @@ def mesh_from(args: argparse.Namespace) -> Mesh:
 
 def eye_from(args: argparse.Namespace) -> np.ndarray:
     """The direction (3,) from the mesh to the camera."""
+    return camera_from(args).axes()[2]
+
+
+def camera_from(args: argparse.Namespace) -> Camera:
+    """A camera that looks the way the options say, at the origin."""
     import numpy as np
 
     from clsss.camera import Camera
 
     azimuth, elevation = args.camera[:2]
-    return Camera(np.zeros(3), 1.0, azimuth, elevation, args.up).axes()[2]
+    return Camera(np.zeros(3), 1.0, azimuth, elevation, args.up)
 
 
 def blockers_from(args: argparse.Namespace, mesh: Mesh) -> list[Mesh]:

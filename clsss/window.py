@@ -13,12 +13,11 @@ import numpy as np
 
 from clsss.baker import Baker, View
 from clsss.camera import Camera, fitted
-from clsss.export import check_writable, display_scale, write_atomically
+from clsss.export import check_writable, write_atomically
 from clsss.grammar import LightOption
 from clsss.opengl import open_window
 from clsss.options import WINDOW_HELP, default_lights
 from clsss.overlay import panel
-from clsss.request import eye_from
 from clsss.scene import Scene
 
 if TYPE_CHECKING:
@@ -106,9 +105,8 @@ class Window:
         if self.view is None:
             self.lights = list(event.result.lights)
             self._say("press H for help")
-            self.scene.scale = self._automatic(event)
         self.view = event
-        self.scene.set_radiosity(event.radiosity, self.scene.scale)
+        self.scene.set_radiosity(event.radiosity, event.scale)
 
     def _say(self, message: str) -> None:
         self.message, self.message_ends = message, time.monotonic() + MESSAGE_SECONDS
@@ -118,20 +116,13 @@ class Window:
         assert self.scene.mesh is not None
         self.camera = start_camera(self.args, self.scene.mesh, width / height)
         self.exposure = self.args.exposure
-        if self.view is not None:
-            self.scene.scale = self._automatic(self.view)
-
-    def _automatic(self, view: View) -> float:
-        """The automatic exposure of what the window showed at first."""
-        return display_scale(view.result.mesh, view.radiosity, eye_from(self.args))
 
     def _look(self) -> None:
-        """Let the baker know from where the result is seen."""
+        """Let the baker know from where the result is seen: the exposure follows, and what depends on the view."""
         assert self.camera is not None
-        eye = self.camera.eye
-        if not np.array_equal(eye, self.baker.eye):
-            self.baker.eye = eye
-            if self.view is not None and self.view.result.vertex_radiosity_single is not None:
+        if self.camera is not self.baker.camera:
+            self.baker.camera = self.camera
+            if self.view is not None:
                 self.baker.wishes.put(None)
 
     def _size(self) -> tuple[int, int]:
@@ -179,7 +170,7 @@ class Window:
             self.exposure += 0.25 if letter in "+=" else -0.25
             self._say(f"exposure {self.exposure:+.2f} EV")
         elif letter == "H":
-            self.shows_help = not self.shows_help
+            self.shows_help, self.message = not self.shows_help, ""
         elif letter == "R" and self.camera is not None:
             self._reset()
         elif letter == "S" and self.camera is not None:

@@ -14,11 +14,13 @@ from clsss import grammar, scenefile, view
 from clsss.baker import GLANCE, LOOK, Baker
 from clsss.camera import Camera, fitted
 from clsss.errors import DeviceError
+from clsss.export import display_scale
 from clsss.overlay import panel
 from clsss.srgb import srgb_encode
 from clsss.window import rotation, turned
 
 SIZE = (160, 90)
+LOOKING = SimpleNamespace(camera=(0, 0, 1), up="y")
 
 
 @pytest.fixture(scope="module")
@@ -142,11 +144,12 @@ def test_overlay_grows_with_its_text_and_its_bar_with_progress():
 def test_baker_reports_mesh_then_results_and_takes_the_last_lights(monkeypatch):
     def result(lights):
         return SimpleNamespace(lights=lights, relight=lambda new, progress: result(new), vertex_radiosity=None,
-                               vertex_radiosity_single=None)  # fmt: skip
+                               vertex_radiosity_single=None, mesh=None)  # fmt: skip
 
     monkeypatch.setattr("clsss.baker.load", lambda args: "mesh")
     monkeypatch.setattr("clsss.baker.bake", lambda args, mesh, progress: progress("solve", 0.5) or result("first"))
-    baker = Baker(SimpleNamespace(), lambda: None)
+    monkeypatch.setattr("clsss.baker.display_scale", lambda mesh, radiosity, towards: 1.0)
+    baker = Baker(LOOKING, lambda: None)
     for lights in ("dropped", "last"):
         baker.wishes.put(lights)
     baker.start()
@@ -156,7 +159,7 @@ def test_baker_reports_mesh_then_results_and_takes_the_last_lights(monkeypatch):
 
 def test_baker_hands_over_its_error(monkeypatch):
     monkeypatch.setattr("clsss.baker.load", lambda args: [][0])
-    baker = Baker(SimpleNamespace(), threading.Event().set)
+    baker = Baker(LOOKING, threading.Event().set)
     baker.start()
     assert isinstance(baker.events.get(timeout=5), IndexError)
 
@@ -206,21 +209,45 @@ def test_far_from_the_origin_the_picture_is_the_same(scene, square):
     assert np.abs(pictures[1] - pictures[0]).max() <= 1
 
 
+def test_exposure_follows_the_camera(monkeypatch, square):
+    """As a bake has it that starts where the camera is now: a closed window's scene file shows what the window did."""
+    bright, dark = np.full((4, 3), 0.5), np.full((4, 3), 0.05)
+    box = SimpleNamespace(
+        vertices=np.vstack([square.vertices, square.vertices]),
+        faces=np.vstack([square.faces, square.faces[:, ::-1] + 4]),
+    )
+    baked = SimpleNamespace(mesh=box, lights=(), vertex_radiosity=np.vstack([bright, dark]),
+                            vertex_radiosity_single=None)  # fmt: skip
+    monkeypatch.setattr("clsss.baker.load", lambda args: "mesh")
+    monkeypatch.setattr("clsss.baker.bake", lambda args, mesh, progress: baked)
+    baker = Baker(LOOKING, lambda: None)
+    baker.start()
+    assert baker.events.get(timeout=5) == "mesh"
+    front = baker.events.get(timeout=5)
+    assert front.scale == pytest.approx(display_scale(box, baked.vertex_radiosity, np.array([0, 0, 1.0])))
+    baker.camera = baker.camera.orbited(180, 0)
+    baker.wishes.put(None)
+    back = baker.events.get(timeout=5)
+    assert back.result is baked
+    assert back.scale == pytest.approx(10 * front.scale)
+
+
 def test_what_is_scattered_once_follows_the_camera(monkeypatch):
     """A glance as soon as the eye has moved, then a longer look; the lights are not solved again."""
     def radiance(eye, depths, least_cosine):
-        return np.full((4, 3), eye[0] + depths)
+        return np.full((4, 3), round(eye[0]) + depths)
 
     baked = SimpleNamespace(lights=(), vertex_radiosity=None, vertex_radiosity_single=np.zeros((4, 3)),
-                            radiance=radiance)  # fmt: skip
+                            radiance=radiance, mesh=None)  # fmt: skip
+    monkeypatch.setattr("clsss.baker.display_scale", lambda mesh, radiosity, towards: 1.0)
     monkeypatch.setattr("clsss.baker.load", lambda args: "mesh")
     monkeypatch.setattr("clsss.baker.bake", lambda args, mesh, progress: baked)
-    baker = Baker(SimpleNamespace(), lambda: None)
+    baker = Baker(LOOKING, lambda: None)
     baker.start()
     assert baker.events.get(timeout=5) == "mesh"
     seen = [baker.events.get(timeout=5).radiosity[0, 0] / np.pi for _ in range(2)]
     np.testing.assert_allclose(seen, [GLANCE, LOOK])
-    baker.eye = np.array([100.0, 0, 0])
+    baker.camera = Camera(np.array([100.0, 0, 0]), 0.0)
     baker.wishes.put(None)
     seen = [baker.events.get(timeout=5).radiosity[0, 0] / np.pi for _ in range(2)]
     np.testing.assert_allclose(seen, [100 + GLANCE, 100 + LOOK])
