@@ -23,6 +23,7 @@ from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_transmittance
 from clsss.media import Mix
+from clsss.rays import RayCaster
 from clsss.source import Beams, light_unit, make_source
 from clsss.surface import boundary_points
 
@@ -78,6 +79,32 @@ def test_beer_lambert_at_an_angle_with_fresnel_entry(device, eps):
     middle = in_the_middle(points, 4.0)
     expected = fresnel_transmittance(0.8, eta) * np.exp(-(TOP - points[middle, 2:]) / 0.8) * [1, 2, 3]
     np.testing.assert_allclose(F[middle], expected, rtol=1e4 * eps)
+
+
+LAMP = PointLight((0.0, 0.0, 8.0), 100.0)
+
+
+@pytest.mark.parametrize(
+    ("light", "harmless"), [(DirectionalLight((0, 0, -1)), -13), (LAMP, 4)], ids=["beam", "lamp"]
+)
+def test_blockers_cast_shadows(device, light, harmless):
+    """Half of the slab lies in the shadow of a board; another is beside the beam, or behind the lamp.
+
+    What fine cells know of the coarser ones next to them (ghosts) is in the shadow, too.
+    """
+    tree = build_tree(device, slab(), 48)
+    boards = [box_triangles((8, 18, 0.1), (4, 0, 5)), box_triangles((8, 18, 0.1), (harmless, 0, 12))]
+    found = []
+    for blockers in (None, RayCaster(np.concatenate(boards))):
+        beams = Beams(device, tree, coefficients(device, tree, Material(0.1, 0.9)), blockers)
+        beams.add(light, 1.0)
+        found.append([F.get() for F in [*beams._F, beams._F_B]])
+    places = [*diffusion.cell_points(tree), boundary_points(tree)[0]]
+    for points, free, shaded in zip(places, *found, strict=True):
+        x, n = points[:, 0], len(points)
+        np.testing.assert_array_equal(shaded[:n], np.where(x[:, None] > 0, 0, free[:n]))
+    for level, above, F in zip(tree.levels[1:], found[1], found[1][1:], strict=False):
+        np.testing.assert_array_equal(F[level.n :], above[level.parent.get()[level.n : level.n + level.n_ghost]])
 
 
 def test_tilted_planes_are_exact_too(double):
