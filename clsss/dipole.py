@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ SKY_BEAMS = 256
 SPACING = 0.5  # of a transport mean free path: longest edge of a sample's triangle
 SHADOW = 0.005  # of the mesh's size: shadows need no finer samples
 SOLID_ANGLE = 0.02  # [sr] up to which a group of samples counts as one
-LAUNCH_PAIRS = 2e7  # keeps a launch short enough to be stopped
+LAUNCH_PAIRS, LAUNCH_POINTS = 2e7, 4096  # keep a launch short enough to be stopped
 
 Progress = Callable[[str, float], None]
 
@@ -200,15 +200,21 @@ def dipole(
     coarse, _ = subdivide(mesh.triangles, max(spacing, SHADOW * mesh.size))
     lit = entering(mesh, coarse.mean(axis=1), outward_normals(coarse), material.eta, lights, progress, blockers)
     pieces, parent = subdivide(coarse, spacing)
-    centre = mesh.bounds.mean(axis=0)  # single precision is for the distances
-    places, area, lit = pieces.mean(axis=1) - centre, areas(pieces), lit[parent]
+    area = areas(pieces)
+    power = area[:, None] * lit[parent]
+    some = power.any(axis=1)
+    pieces, area, power = pieces[some], area[some], power[some]
+    used = np.flatnonzero(np.any(mesh.normals != 0, axis=1))
+    out = np.zeros((len(mesh.vertices), 3))
+    if not len(pieces):
+        return out
     device = device or Device(precision="single")
     columns = [v for p in both for v in (p.depth, p.strength, p.offset)]
     shape = [device.vector(v) for v in (sigma, *columns)]
-    used = np.flatnonzero(np.any(mesh.normals != 0, axis=1))
-    out = np.zeros((len(mesh.vertices), 3))
-    sums = _tree if hierarchical else _pairs
-    out[used] = sums(device, shape, places, area, area[:, None] * lit, mesh.vertices[used] - centre, progress)
+    centre = mesh.bounds.mean(axis=0)  # single precision is for the distances
+    places = pieces.mean(axis=1) - centre
+    sums = _tree(device, shape, places, area, power) if hierarchical else _pairs(device, shape, places, power)
+    out[used] = _in_slices(device, sums, mesh.vertices[used] - centre, progress)
     return out
 
 
@@ -216,40 +222,22 @@ def _four(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values, np.zeros((len(values), 1))], axis=1)
 
 
-def _pairs(
-    device: Device,
-    shape: list[Any],
-    places: np.ndarray,
-    area: np.ndarray,
-    power: np.ndarray,
-    points: np.ndarray,
-    progress: Progress | None,
-) -> np.ndarray:
-    """Every point against every sample that light enters at."""
-    lit = np.flatnonzero(power.any(axis=1))
-    samples = device.array(_four(places[lit])), device.array(_four(power[lit]))
-    kernel = device.kernel("dipole", "gather")
+class _Sums(NamedTuple):
+    """A kernel that sums over samples, its arguments but the points, and how many of these one launch takes."""
 
-    def run(at: Any, out: Any, n: int) -> None:
-        device.run(kernel, n, n, len(lit), *shape, *samples, at, out)
-
-    return _in_slices(device, run, points, int(LAUNCH_PAIRS / max(len(lit), 1)), progress)
+    kernel: Any
+    arguments: tuple[Any, ...]
+    points: int
 
 
-def _tree(
-    device: Device,
-    shape: list[Any],
-    places: np.ndarray,
-    area: np.ndarray,
-    power: np.ndarray,
-    points: np.ndarray,
-    progress: Progress | None,
-) -> np.ndarray:
+def _pairs(device: Device, shape: list[Any], places: np.ndarray, power: np.ndarray) -> _Sums:
+    """Every point against every sample."""
+    arguments = len(places), *shape, device.array(_four(places)), device.array(_four(power))
+    return _Sums(device.kernel("dipole", "gather"), arguments, max(64, int(LAUNCH_PAIRS / len(places))))
+
+
+def _tree(device: Device, shape: list[Any], places: np.ndarray, area: np.ndarray, power: np.ndarray) -> _Sums:
     """Every point against groups of samples, finer where they are near."""
-    lit = np.flatnonzero(power.any(axis=1))
-    if not len(lit):
-        return np.zeros_like(points)
-    places, area, power = places[lit], area[lit], power[lit]
     tree = pointtree.build(places)
     places, area, power = places[tree.order], area[tree.order], power[tree.order]
     total, whole = tree.sums(power), tree.sums(area)
@@ -257,27 +245,19 @@ def _tree(
     centre = tree.sums(weight[:, None] * places) / tree.sums(weight)[:, None]
     own = np.stack([tree.start, np.where(tree.leaf, tree.end, tree.start)], axis=1).astype(np.int32)
     extent = np.stack([tree.half_diagonal, whole], axis=1)
-    arrays = [
-        device.array(v) for v in (tree.skip, own, extent, _four(centre), _four(places), _four(power), _four(total))
-    ]
-    kernel = device.kernel("dipole", "gather_tree")
-
-    def run(at: Any, out: Any, n: int) -> None:
-        device.run(kernel, n, n, len(tree.start), *shape, SOLID_ANGLE, *arrays, at, out)
-
-    return _in_slices(device, run, points, 4096, progress)
+    arrays = tree.skip, own, extent, _four(centre), _four(places), _four(power), _four(total)
+    arguments = len(tree.start), *shape, SOLID_ANGLE, *(device.array(v) for v in arrays)
+    return _Sums(device.kernel("dipole", "gather_tree"), arguments, LAUNCH_POINTS)
 
 
-def _in_slices(
-    device: Device, run: Callable[..., None], points: np.ndarray, count: int, progress: Progress | None
-) -> np.ndarray:
-    """Run over the points, some at a time: Ctrl-C works in between."""
-    out, count = np.empty((len(points), 3)), max(count, 64)
-    for start in range(0, len(points), count):
-        some = _four(points[start : start + count])
+def _in_slices(device: Device, sums: _Sums, points: np.ndarray, progress: Progress | None) -> np.ndarray:
+    """Sums (n, 3) at points (n, 3), some at a time: Ctrl-C works in between."""
+    out = np.empty((len(points), 3))
+    for start in range(0, len(points), sums.points):
+        some = _four(points[start : start + sums.points])
         radiosity = device.empty((len(some), 4))
-        run(device.array(some), radiosity, len(some))
-        out[start : start + count] = radiosity.get()[:, :3]
+        device.run(sums.kernel, len(some), len(some), *sums.arguments, device.array(some), radiosity)
+        out[start : start + sums.points] = radiosity.get()[:, :3]
         if progress:
-            progress("dipole", min(1.0, (start + count) / len(points)))
+            progress("dipole", min(1.0, (start + sums.points) / len(points)))
     return out
