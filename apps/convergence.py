@@ -54,8 +54,8 @@ def closure(bench: Bench) -> Iterator[Row]:
     normals = np.repeat(np.eye(3), 2, axis=0) * np.tile([-1, 1], 3)[:, None]
     for name in ("sphere", "torus", "shell 2h", "plate 1.5h"):
         mesh = problems.shape(name, bench.n)
-        cut = bench.multigrid(mesh, problems.layer(DEPTHS, 0.9), problems.cells_along(mesh)).op.octree.cut
-        gap = cut.aperture.get() @ normals + cut.normal.get()[:, :3]
+        tree = bench.multigrid(mesh, problems.layer(DEPTHS, 0.9), problems.cells_along(mesh)).op.octree
+        gap = tree.apertures() @ normals + tree.cut.normal.get()[:, :3]
         yield Row(f"{name}: |sum alpha_f n_f + alpha_B n_B|", float(np.abs(gap).max()), 1e-12)
 
 

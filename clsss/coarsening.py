@@ -63,8 +63,9 @@ def index_map(shape: tuple[int, ...], ijk: np.ndarray) -> np.ndarray:
 
 def finest_cells(ijk: np.ndarray, colour_start: tuple[int, int, int], nbr: np.ndarray, cut: np.ndarray,
                  aperture: np.ndarray) -> Cells:  # fmt: skip
-    """The finest level: `nbr` (n, 6) by position is closed where cut cells' `aperture` (n_cut, 6) is nothing."""
-    row, face = np.nonzero((aperture <= 0) & (nbr[cut] >= 0))
+    """The finest level: `nbr` (n, 6) by position is closed where cut cells' `aperture` (n_cut, 3) is nothing."""
+    row, axis = np.nonzero((aperture <= 0) & (nbr[cut, 1::2] >= 0))
+    face = 2 * axis + 1
     beyond = nbr[cut[row], face]
     nbr[cut[row], face] = nbr[beyond, face ^ 1] = -1
     n = len(ijk)

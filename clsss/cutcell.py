@@ -85,9 +85,10 @@ class CutCells:
         x_B and alpha_B, the area of the surface inside the cell.
     normal : (n, 4) real
         Area vector of the surface (outward): alpha_B n_B where the surface is flat.
-    aperture : (n, 6) real
-    face_centroid : (n, 6, 2) real
-        Centroid of the open part of each face, in its two tangential coordinates.
+    aperture : (n, 3) real
+        Open part of the faces +x +y +z; the others are those of the cells beyond (`Octree.apertures`).
+    face_centroid : (n, 3, 2) real
+        Centroid of the open part of each of these, in its two tangential coordinates.
     """
 
     cell: Buffer
@@ -274,7 +275,7 @@ def cut_moments(device: Device, samples: Samples, rows: np.ndarray, cell: np.nda
     """
     n = len(rows)
     out = CutCells(device.array(cell.astype(np.int32)), device.empty((n, 4)), device.empty((n, 4)),
-                   device.empty((n, 4)), device.empty((n, 6)), device.empty((n, 6, 2)))  # fmt: skip
+                   device.empty((n, 4)), device.empty((n, 3)), device.empty((n, 3, 2)))  # fmt: skip
     owners = device.array(samples.owners[rows])
     kernel = device.kernel("cutcell", "moments")
     device.run(kernel, n, n, owners, samples.distance, out.centroid, out.boundary, out.normal, out.aperture,

@@ -134,6 +134,15 @@ class Octree:
         volumes[-1][self.cut.cell.get()] *= self.cut.centroid.get()[:, 3]
         return volumes
 
+    def apertures(self) -> np.ndarray:
+        """Open part (n_cut, 6) of each face of the cut cells, -x +x -y +y -z +z."""
+        upper, cell, cut_index = self.cut.aperture.get().astype(float), self.cut.cell.get(), self.cut_index.get()
+        below = self.finest.nbr.get()[cell, ::2]
+        cut = cut_index[np.minimum(below, self.finest.n - 1)]
+        lower = np.where(cut >= 0, np.take_along_axis(upper[cut], np.arange(3)[None, :, None], axis=2)[:, :, 0], 1.0)
+        lower[below == cell[:, None]] = 0
+        return np.stack([lower, upper], axis=2).reshape(-1, 6)
+
     def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The leaf at points (n, 3) [mm]: how many levels above the finest, and its index there; -1: none."""
         ijk = np.floor(self.grid.to_cells(points)).astype(np.int64)

@@ -55,8 +55,8 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
         if (j == i || j >= n_cells) continue;
         const int other = cut_index[j];
         if (c < 0 && other < 0) continue;
-        const int a = f < 2, b = f < 4 ? 2 : 1, low = f & 1 ? 6 * c + f : 6 * other + f + 1;
-        const REAL2 at = c >= 0 && other >= 0 ? face_centroid[low] : (REAL2)(0.5);
+        const int a = f < 2, b = f < 4 ? 2 : 1, low = f & 1 ? c : other;
+        const REAL2 at = c >= 0 && other >= 0 ? face_centroid[3 * low + (f >> 1)] : (REAL2)(0.5);
         const REAL4 rise = rise_to(other, a, b, at, centroid, slope) - rise_to(c, a, b, at, centroid, slope);
         const REAL4 k2_j = AT(fitted, j);
         if (any_fitted(k2 + k2_j)) {

@@ -1,7 +1,7 @@
 /* face.h -- the face between two cells of the finest level; lengths in cells.
  *
- * Both sides of a face read the same record, in the same order, so that what leaves one cell enters the other to
- * the last bit.
+ * Both sides of a face read the same record, the lower cell's, in the same order, so that what leaves one cell enters
+ * the other to the last bit.
  */
 typedef struct {
     REAL area, delta;       /* aperture; distance of the centroids along the axis */
@@ -16,8 +16,7 @@ REAL4 cell_centroid(const int cut, __global const REAL4 *restrict centroid) {
 Face face_between(const int axis, const int cut_low, const int cut_high, __global const REAL4 *restrict centroid,
                   __global const REAL *restrict aperture, __global const REAL2 *restrict face_centroid) {
     const REAL4 low = cell_centroid(cut_low, centroid), high = cell_centroid(cut_high, centroid);
-    const int record = cut_low >= 0 ? 6 * cut_low + 2 * axis + 1 : 6 * cut_high + 2 * axis;
-    const int irregular = cut_low >= 0 && cut_high >= 0;
+    const int record = 3 * cut_low + axis, irregular = cut_low >= 0 && cut_high >= 0;
     const REAL2 c = irregular ? face_centroid[record] : (REAL2)(0.5);
     Face face;
     face.area = irregular ? aperture[record] : 1;

@@ -257,7 +257,8 @@ class Dense:
             return 0.0
         area, c = 1.0, np.full(2, 0.5)
         if i in self.cut and j in self.cut:
-            area, c = self.aperture[self.cut[i], face], self.face_centroid[self.cut[i], face]
+            low = self.cut[i if up else j], axis
+            area, c = self.aperture[low], self.face_centroid[low]
         x_f = np.insert(c, axis, up)
         tau_i, tau_j = x_f - self.centroid[i], x_f - self.centroid[j] - step
         tau_i[axis] = tau_j[axis] = 0
