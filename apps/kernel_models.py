@@ -15,23 +15,29 @@ from clsss.anderson import TILE
 Arguments = dict[str, Any]
 
 
-def _per_face(T: np.ndarray) -> np.ndarray:
+def _per_face(a: Arguments, T: str = "T") -> np.ndarray:
     """Transmissibilities (n, 6, 1) or (n, 6, 4)."""
-    return T.reshape(len(T), 6, -1)
+    values = a[T].reshape(len(a[T]), 6, -1)
+    return values if a["rows"] is None else values[a["rows"]]
+
+
+def _absorb(a: Arguments) -> np.ndarray:
+    """Absorption (n, 4)."""
+    return a["absorb"] if a["rows"] is None else a["absorb"][np.minimum(a["rows"], a["last"])]
 
 
 def _outflow(a: Arguments, x: np.ndarray, open_face: np.ndarray | float = 1.0) -> np.ndarray:
     """Residual b - A x of the first cells of `nbr`."""
-    nbr, T = a["nbr"], _per_face(a["T"])
+    nbr, T = a["nbr"], _per_face(a)
     own = x[: len(nbr)]
     flux = T * (x[nbr] - own[:, None]) * open_face
-    return a["b"][: len(nbr)] - a["absorb"] * own + flux.sum(axis=1)
+    return a["b"][: len(nbr)] - _absorb(a) * own + flux.sum(axis=1)
 
 
 def smooth(a: Arguments) -> Arguments:
     x, rows = a["x"].copy(), slice(a["first"], a["first"] + a["n"])
-    T = _per_face(a["T"])[rows]
-    relaxed = (a["b"][rows] + (T * x[a["nbr"][rows]]).sum(axis=1)) / (a["absorb"][rows] + T.sum(axis=1))
+    T = _per_face(a)[rows]
+    relaxed = (a["b"][rows] + (T * x[a["nbr"][rows]]).sum(axis=1)) / (_absorb(a)[rows] + T.sum(axis=1))
     x[rows] += a["omega"] * (relaxed - x[rows])
     return {"x": x}
 
@@ -51,7 +57,7 @@ def residual_of_leaves(a: Arguments) -> Arguments:
 
 def reflux(a: Arguments) -> Arguments:
     r, face = a["r"].copy(), a["ghost_face"]
-    T = _per_face(a["T_fine"]).reshape(-1, _per_face(a["T_fine"]).shape[2])
+    T = _per_face(a, "T_fine").reshape(-1, a["T_fine"].size // len(a["T_fine"]) // 6)
     ghosts = a["n_fine"] + np.arange(len(face))
     flux = T[face] * (a["x_fine"][face // 6] - a["x_fine"][ghosts])
     r[a["interface"]] += np.add.reduceat(flux, a["interface_start"][:-1])
@@ -67,7 +73,7 @@ def _children(a: Arguments, values: np.ndarray, octants: Any = slice(None)) -> n
 
 def smooth_from_zero(a: Arguments) -> Arguments:
     x, rows = a["x"].copy(), slice(a["first"], a["first"] + a["n"])
-    x[rows] = a["omega"] * a["b"][rows] / (a["absorb"][rows] + _per_face(a["T"])[rows].sum(axis=1))
+    x[rows] = a["omega"] * a["b"][rows] / (_absorb(a)[rows] + _per_face(a)[rows].sum(axis=1))
     return {"x": x}
 
 

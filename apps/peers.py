@@ -88,7 +88,7 @@ def _mismatch(device: Device, op: diffusion.Operator, A: sparse.csr_matrix) -> f
     x = rng.uniform(size=(n, 4)).astype(device.real)
     r = device.empty((n, 4))
     finest = op.octree.finest
-    device.run(device.kernel("residual", "residual", *op.medium.defines), n, n, finest.nbr, op.T[-1], op.absorb[-1],
+    device.run(device.kernel("residual", "residual", *op.medium.defines), n, n, finest.nbr, *op.two_point(-1),
                device.zeros((n, 4)), device.array(x), r)  # fmt: skip
     mine = -r.get()[:, 0].astype(float)
     return float(np.abs(A @ x[:, 0].astype(float) - mine).max() / np.abs(A.diagonal()).max())

@@ -57,12 +57,12 @@ class TwoPoint(Residual):
         for k, level in enumerate(levels[1:]):
             run(copy, level.n_ghost, level.n_ghost, level.n, level.parent, phi[k], phi[k + 1])
         last = levels[-1]
-        run(self._residual, last.n, last.n, last.nbr, op.T[-1], op.absorb[-1], b[-1], phi[-1], r[-1])
+        run(self._residual, last.n, last.n, last.nbr, *op.two_point(-1), b[-1], phi[-1], r[-1])
         for k, level in enumerate(levels[:-1]):
-            run(self._of_leaves, level.n, level.n, level.nbr, level.is_leaf, op.T[k], op.absorb[k], b[k], phi[k], r[k])
+            run(self._of_leaves, level.n, level.n, level.nbr, level.is_leaf, *op.two_point(k), b[k], phi[k], r[k])
             fine, m = levels[k + 1], level.interface.shape[0]
-            run(self._reflux, m, m, fine.n, level.interface, level.interface_start, fine.ghost_face, op.T[k + 1],
-                phi[k + 1], r[k])  # fmt: skip
+            run(self._reflux, m, m, fine.n, level.interface, level.interface_start, fine.ghost_face,
+                op.T[k + 1].row, op.T[k + 1].values, phi[k + 1], r[k])  # fmt: skip
 
 
 def on_leaves(mg: Multigrid, values: Callable[[int], np.ndarray]) -> Field:

@@ -21,6 +21,7 @@ import numpy as np
 from clsss.around import Around, list_around
 from clsss.device import ROW_ALIGNMENT, Buffer, Device
 from clsss.octree import Octree
+from clsss.rows import Shared, share_rows
 
 CHANNELS = 4
 RESOLVED, FITTED = 0.05, 0.075  # (k h)^2 up to which no exponential is fitted, and from which on it is all
@@ -68,10 +69,10 @@ class Operator:
 
     Attributes
     ----------
-    T : list of (n, 6) real, or (n, 6, 4), device
+    T : list of Shared, (n, 6) real, or (n, 6, 4)
         Transmissibility of each face: [mm] where the medium is homogeneous and the equation scaled by 1/D,
         otherwise [mm^2].
-    absorb : list of (n, 4) real, device
+    absorb : list of Shared, (n, 4) real
         Absorption and exitance per fluence, in the same scale.
     weight : list of (n, 4) uint8, device
         Weights of the prolongation to each level but the coarsest (weight.h).
@@ -85,12 +86,17 @@ class Operator:
 
     octree: Octree
     medium: Coefficients
-    T: list[Buffer]
-    absorb: list[Buffer]
+    T: list[Shared]
+    absorb: list[Shared]
     weight: list[Buffer | None]
     share: list[Buffer]
     irregular: Buffer
     around: Around
+
+    def two_point(self, k: int) -> tuple[Any, ...]:
+        """The coefficients of level `k` as kernels take them (rows.h)."""
+        T, absorb = self.T[k], self.absorb[k]
+        return T.row, absorb.last, T.values, absorb.values
 
 
 class Field(list[Buffer]):
@@ -182,8 +188,11 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     for level, t in zip(octree.levels[1:], T[1:], strict=True):
         weight.append(device.empty((level.n, 4), np.uint8))
         device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
-    return Operator(octree, medium, T, absorb, weight, _shares(device, octree, medium, T), _irregular(device, octree),
-                    list_around(device, octree))  # fmt: skip
+    share = _shares(device, octree, medium, T)
+    rows = [share_rows(device, t, a) if medium.homogeneous else (Shared(t, None), Shared(a, None))
+            for t, a in zip(T, absorb, strict=True)]  # fmt: skip
+    return Operator(octree, medium, [t for t, _ in rows], [a for _, a in rows], weight, share,
+                    _irregular(device, octree), list_around(device, octree))  # fmt: skip
 
 
 def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer]) -> list[Buffer]:
@@ -287,16 +296,16 @@ class Residual:
         self.complete(phi)
         run, op, octree, levels = self.device.run, self.op, self.op.octree, self.op.octree.levels
         finest, cut, T = levels[-1], octree.cut, op.T
-        run(self._residual, finest.n, finest.n, finest.nbr, T[-1], op.absorb[-1], b[-1], phi[-1], r[-1])
+        run(self._residual, finest.n, finest.n, finest.nbr, *op.two_point(-1), b[-1], phi[-1], r[-1])
         for k, level in enumerate(levels[:-1]):
-            run(self._of_leaves, level.n, level.n, level.nbr, level.is_leaf, T[k], op.absorb[k], b[k], phi[k], r[k])
+            run(self._of_leaves, level.n, level.n, level.nbr, level.is_leaf, *op.two_point(k), b[k], phi[k], r[k])
             fine, m = levels[k + 1], level.interface.shape[0]
-            run(self._reflux, m, m, fine.n, level.interface, level.interface_start, fine.ghost_face, T[k + 1],
-                phi[k + 1], r[k])  # fmt: skip
+            run(self._reflux, m, m, fine.n, level.interface, level.interface_start, fine.ghost_face,
+                T[k + 1].row, T[k + 1].values, phi[k + 1], r[k])  # fmt: skip
         m = op.irregular.shape[0]
         run(self._correct, m, m, finest.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.medium.fitted,
             op.irregular, finest.nbr, octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.face_centroid,
-            T[-1], self.slope, phi[-1], r[-1])  # fmt: skip
+            T[-1].row, T[-1].values, self.slope, phi[-1], r[-1])  # fmt: skip
 
     def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
         """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].

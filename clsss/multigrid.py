@@ -122,12 +122,12 @@ class Multigrid:
         for sweep in range(sweeps):
             for first, n in ((red, black - red), (black, end - black)):
                 if from_zero and not sweep and first == red:
-                    self.device.run(self._from_zero, n, first, n, OVER, self.op.T[k], self.op.absorb[k], self.r[k],
+                    self.device.run(self._from_zero, n, first, n, OVER, *self.op.two_point(k), self.r[k],
                                     self.e[k])  # fmt: skip
                 else:
                     omega = OVER if first == black and not from_zero else 1.0
-                    self.device.run(smooth, n, first, n, omega, level.nbr, self.op.T[k], self.op.absorb[k], self.r[k],
-                                    *junctions, self.e[k])  # fmt: skip
+                    self.device.run(smooth, n, first, n, omega, level.nbr, *self.op.two_point(k), self.r[k], *junctions,
+                                    self.e[k])  # fmt: skip
 
     def _with_junctions(self, k: int, plain: Any, other: Any) -> tuple[Any, tuple[Any, ...]]:
         """The kernel for level `k`, and what it needs to know of junctions there."""
@@ -141,7 +141,7 @@ class Multigrid:
         run, op, fine, coarse = self.device.run, self.op, self.op.octree.levels[k], self.op.octree.levels[k - 1]
         red = fine.colour_start[1]
         leave, junctions = self._with_junctions(k, self._leave_residual, self._leave_beyond)
-        run(leave, red, red, fine.nbr, op.T[k], op.absorb[k], self.r[k], *junctions, self.e[k])
+        run(leave, red, red, fine.nbr, *op.two_point(k), self.r[k], *junctions, self.e[k])
         run(self._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, coarse.chain, self.e[k], self.r[k - 1])
 
     def v_cycle(self, k: int) -> None:
@@ -156,8 +156,8 @@ class Multigrid:
         self.e[k].fill(0, fine.n)
         self.smooth(k, from_zero=True)
         m = coarse.interface.shape[0]
-        run(self._reflux, m, m, fine.n, coarse.interface, coarse.interface_start, fine.ghost_face, op.T[k],
-            self.e[k], self.r[k - 1])  # fmt: skip
+        run(self._reflux, m, m, fine.n, coarse.interface, coarse.interface_start, fine.ghost_face,
+            op.T[k].row, op.T[k].values, self.e[k], self.r[k - 1])  # fmt: skip
         self.restrict(k)
         self.v_cycle(k - 1)
         run(self._ghosts, fine.n_ghost, fine.n_ghost, fine.n, fine.parent, self.e[k - 1], self.e[k])

@@ -2,6 +2,7 @@
 #include "real.h"
 #include "conductance.h"
 #include "layer.h"
+#include "rows.h"
 
 /* The gradient along an axis; the spare channel repeats the third. */
 REAL4 slope_along(const int c, const int axis, __global const REAL *restrict slope) {
@@ -37,17 +38,17 @@ REAL distance_across(const int f, const int c, const int other, __global const R
  *     T_f (phi_j - phi_i)  ->  T_f x / sinh(x) (phi_j + g_j . tau_j - phi_i - g_i . tau_i),
  *     and  C_B phi_i  with its clamp eased  ->  C_B (phi_i + g . (x_B - d n - x_i)).
  */
-// cost correct_residual: 54R+6C+8M+60 B, 150 flop
+// cost correct_residual: 54R+6C+8M+64 B, 150 flop
 __kernel void correct_residual(const int n, const int n_cells, const REAL h, const REAL fresnel_A, MEDIUM D,
                                MEDIUM fitted, __global const int *restrict irregular, __global const int *restrict nbr,
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                                __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                               __global const REAL2 *restrict face_centroid, __global const COND *restrict T,
-                               __global const REAL *restrict slope, __global const REAL4 *restrict x,
-                               __global REAL4 *restrict r) {
+                               __global const REAL2 *restrict face_centroid, __global const int *restrict rows,
+                               __global const COND *restrict T, __global const REAL *restrict slope,
+                               __global const REAL4 *restrict x, __global REAL4 *restrict r) {
     const int m = get_global_id(0);
     if (m >= n) return;
-    const int i = irregular[m], c = cut_index[i];
+    const int i = irregular[m], c = cut_index[i], row = ROW_OF(i, rows);
     const REAL4 D_i = AT(D, i), k2 = AT(fitted, i);
     REAL4 sum = r[i];
     for (int f = 0; f < 6; f++) {
@@ -62,9 +63,9 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
         if (any_fitted(k2 + k2_j)) {
             const REAL delta = distance_across(f, c, other, centroid);
             const REAL4 ease = 1 / sinh_over(link_width2(k2, k2_j, delta, f >> 1, c, other, boundary, normal));
-            sum += T[6 * i + f] * (ease * rise + (ease - 1) * (x[j] - x[i]));
+            sum += T[6 * row + f] * (ease * rise + (ease - 1) * (x[j] - x[i]));
         } else {
-            sum += T[6 * i + f] * rise;
+            sum += T[6 * row + f] * rise;
         }
     }
     if (c >= 0) {

@@ -30,14 +30,16 @@ REAL4 relaxed_twice(const int i, const int n, __global const int *restrict nbr, 
 REAL4 absorb_of_children(const int i, const int n_fine, __global const int *restrict child,
                          __global const int *restrict chain, __global const int *restrict nbr,
                          __global const COND *restrict T, __global const REAL4 *restrict absorb) {
-    REAL4 least = (REAL4)(INFINITY), sum = (REAL4)(0);
+    REAL4 least = (REAL4)(INFINITY), most = (REAL4)(0), sum = (REAL4)(0);
     int count = 0;
     for (int o = 0; o < 8; o++)
         for (int next = child[8 * i + o]; next != -1; count++) {
             const REAL4 own = absorb[take_child(&next, chain)];
             least = fmin(least, own);
+            most = fmax(most, own);
             sum += own;
         }
+    if (all(most == least)) return count * least; /* a leaf takes as much, to the last bit */
     if (!any(sum > ALIKE * count * least)) return sum;
     REAL4 taken = (REAL4)(0), field = (REAL4)(0);
     for (int o = 0; o < 8; o++)

@@ -1,0 +1,68 @@
+"""Coefficients that many cells of a level share: rows of numbers, and which row is whose (kernels/rows.h).
+
+In a homogeneous medium full cells among their like have one transmissibility and absorb alike; towards leaves of other
+levels they have few others. Only what differs from that is kept for each cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clsss.device import Buffer, Device
+
+SAMPLES = 2**14  # values among which frequent ones are sought
+FREQUENT = 4  # transmissibilities of which cells may share rows
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """Values of cells by row.
+
+    Attributes
+    ----------
+    values : (m, ...) real, device
+    row : (n,) int32, device, or None
+        Of each cell; rows beyond the last of `values` are the last. None: each cell has its own.
+    """
+
+    values: Buffer
+    row: Buffer | None
+
+    @property
+    def last(self) -> int:
+        """The last row."""
+        return self.values.shape[0] - 1
+
+    def get(self) -> np.ndarray:
+        """A copy on the host, of each cell (n, ...)."""
+        values = self.values.get()
+        return values if self.row is None else values[np.minimum(self.row.get(), self.last)]
+
+
+def _frequent(values: np.ndarray, count: int) -> np.ndarray:
+    """The rows (count, ...), or fewer, that are found most often among (n, ...)."""
+    some = values[:: max(1, -(-len(values) // SAMPLES))]
+    found, times = np.unique(some, axis=0, return_counts=True)
+    return found[np.argsort(-times, kind="stable")[:count]]
+
+
+def share_rows(device: Device, T: Buffer, absorb: Buffer) -> tuple[Shared, Shared]:
+    """Transmissibilities (n, 6) and absorption (n, 4) of a level's cells, what is alike kept once."""
+    T_host, absorb_host = T.get(), absorb.get()
+    sinks = (absorb_host != _frequent(absorb_host, 1)).any(axis=1)
+    pattern, known = np.zeros(len(T_host), np.int64), np.zeros(T_host.shape, bool)
+    for number, value in enumerate(_frequent(T_host.ravel(), FREQUENT)):
+        alike = T_host == value
+        known |= alike
+        pattern += number * alike @ FREQUENT ** np.arange(6)
+    common = np.flatnonzero(known.all(axis=1) & ~sinks)
+    _, first, which = np.unique(pattern[common], return_index=True, return_inverse=True)
+    own, others = np.flatnonzero(sinks), np.flatnonzero(~known.all(axis=1) & ~sinks)
+    kept = np.concatenate([own, common[first], others])
+    row = np.empty(len(T_host), np.int32)
+    row[kept] = np.arange(len(kept), dtype=np.int32)
+    row[common] = len(own) + which
+    shared, usual = device.array(row), kept[min(len(own), len(kept) - 1)]
+    return Shared(device.array(T_host[kept]), shared), Shared(device.array(absorb_host[np.append(own, usual)]), shared)
