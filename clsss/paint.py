@@ -107,7 +107,8 @@ def read_colours(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     path : str or Path
-        A mesh file with vertex colours (PLY, OBJ, GLB) or a texture (OBJ, GLB), also compressed with gzip.
+        A mesh file with vertex colours (PLY, OBJ, GLB), a texture (OBJ, GLB) or base colours (GLB), also compressed
+        with gzip. Parts of a scene that have none are white.
 
     Returns
     -------
@@ -129,15 +130,37 @@ def read_colours(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
         zipped = data[:2] == b"\x1f\x8b"
         suffix = [s.lower() for s in path.suffixes if s.lower() != ".gz"][-1][1:]
         source = io.BytesIO(gzip.decompress(data)) if zipped else path
-        mesh = trimesh.load_scene(source, file_type=suffix, process=False).to_mesh()
-        visual = mesh.visual
-        is_linear = visual.kind == "vertex" and suffix in ("glb", "gltf")
-        if visual.kind == "texture":
-            visual = visual.to_color() if visual.uv is not None else None
-        colours = None if visual is None or visual.kind is None else np.asarray(visual.vertex_colors)
+        scene = trimesh.load_scene(source, file_type=suffix, process=False)
+        vertices, colours = [], []
+        for node in scene.graph.nodes_geometry:
+            place, name = scene.graph[node]
+            part: Any = scene.geometry[name]
+            vertices.append(trimesh.transform_points(part.vertices, place))
+            colours.append(_colours_of(part, suffix in ("glb", "gltf")))
     except Exception as error:  # readers of damaged files may raise anything
         raise InputError(f"{path}: its colours cannot be read: {error}") from error
-    if colours is None or len(colours) != len(mesh.vertices):
+    if all(found is None for found in colours):
         raise InputError(f"{path}: has neither vertex colours nor a texture; paint it, or use --material")
-    x = colours[:, :3] / 255
-    return np.asarray(mesh.vertices, float), x if is_linear else srgb_decode(x)
+    white = [np.ones_like(at) if found is None else found for at, found in zip(vertices, colours, strict=True)]
+    return np.concatenate(vertices), np.concatenate(white)
+
+
+def _colours_of(part: Any, is_gltf: bool) -> np.ndarray | None:
+    """Linear colours (n, 3) of a part of a scene: of its vertices, times its texture or else its base colour."""
+    visual, factors = part.visual, []
+    if visual.kind in ("vertex", "face"):
+        own = visual.vertex_colors
+        factors = [own if is_gltf else srgb_decode(own / 255)]
+    elif visual.kind == "texture":
+        material = visual.material
+        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+        has_texture = image is not None and visual.uv is not None
+        base = (
+            srgb_decode(material.to_color(visual.uv) / 255)
+            if has_texture
+            else getattr(material, "baseColorFactor", None)
+        )
+        factors = [visual.vertex_attributes.get("color"), base]
+    given = [np.asarray(f) / (np.iinfo(f.dtype).max if f.dtype.kind == "u" else 1) for f in factors if f is not None]
+    shape = (len(part.vertices), 3)
+    return np.prod([np.broadcast_to(f[..., :3], shape) for f in given], axis=0) if given else None

@@ -8,9 +8,12 @@ import trimesh
 
 from clsss import request
 from clsss.errors import InputError
+from clsss.export import display_scale
+from clsss.lights import DirectionalLight
 from clsss.materials import Material, diffuse_reflectance, material
 from clsss.mesh import load_mesh
 from clsss.paint import Inward, read_colours
+from clsss.simulate import simulate
 from clsss.srgb import srgb_decode
 from tests.test_volumes import options
 
@@ -43,6 +46,45 @@ def test_a_texture_counts_as_paint(tmp_path):
     ball.export(tmp_path / "a.glb")
     at, colours = read_colours(tmp_path / "a.glb")
     np.testing.assert_allclose(colours[:, 1], srgb_decode(at[:, 0] * 0.49 + 0.5), atol=0.02)
+
+
+def test_every_part_of_a_scene_counts_by_what_it_has(tmp_path):
+    """A texture, a base colour, vertex colours, and nothing: white."""
+    image = pytest.importorskip("PIL.Image")
+    visual, pbr = trimesh.visual, trimesh.visual.material.PBRMaterial
+    grey = image.new("RGB", (4, 4), (188, 188, 188))
+    looks = [
+        visual.TextureVisuals(np.full((8, 2), 0.5), pbr(baseColorTexture=grey)),
+        visual.TextureVisuals(None, pbr(baseColorFactor=[51, 102, 153, 255])),
+        visual.ColorVisuals(vertex_colors=np.tile(np.array([102, 51, 0, 255], np.uint8), (8, 1))),
+        None,
+    ]
+    scene = trimesh.Scene()
+    for k, look in enumerate(looks):
+        scene.add_geometry(trimesh.Trimesh(*_box(), visual=look, process=False),
+                           transform=trimesh.transformations.translation_matrix((3 * k, 0, 0)))  # fmt: skip
+    scene.export(tmp_path / "a.glb")
+    at, colours = read_colours(tmp_path / "a.glb")
+    half = srgb_decode(188 / 255)
+    for k, colour in enumerate([(half, half, half), (0.2, 0.4, 0.6), (0.4, 0.2, 0), (1, 1, 1)]):
+        part = np.abs(at[:, 0] - 3 * k) < 1
+        assert np.count_nonzero(part) == 8
+        np.testing.assert_allclose(colours[part], np.tile(colour, (8, 1)), atol=1e-6)
+
+
+def _box():
+    box = trimesh.creation.box()
+    return box.vertices, box.faces
+
+
+def test_a_saved_bake_can_be_paint(tmp_path):
+    """Colours beside a material, as modelling programs write them too."""
+    mesh = load_mesh(trimesh.creation.icosphere(3, 5.0))
+    result = simulate(mesh, material("marble"), [DirectionalLight((0, 0, 1))], resolution=16)
+    result.save(tmp_path / "a.glb")
+    _, colours = read_colours(tmp_path / "a.glb")
+    shown = np.clip(result.vertex_radiosity * display_scale(mesh, result.vertex_radiosity), 0, 1)
+    np.testing.assert_allclose(colours, shown, atol=1e-6)
 
 
 def test_no_colours_is_said(tmp_path):
