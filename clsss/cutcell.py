@@ -17,11 +17,11 @@ import numpy as np
 
 from clsss.device import Buffer, Device
 from clsss.mesh import Mesh
+from clsss.triangles import LONGEST_EDGE, Triangles, split_long
 from clsss.winding import winding_number
 
 REACH = 0.87  # half the diagonal of a cell: no edge of a Kuhn tetrahedron of a subcell is longer
 MARGIN = 2  # empty cells kept around the object
-LONGEST_EDGE = 8.0  # in cells; longer triangles are split so that no work-item has much more to do than others
 
 
 @dataclass(frozen=True)
@@ -118,20 +118,6 @@ def make_grid(bounds: np.ndarray, resolution: int) -> Grid:
     return Grid(origin, h, (int(dims[0]), int(dims[1]), int(dims[2])))
 
 
-def split_long(triangles: np.ndarray, longest: float) -> np.ndarray:
-    """Split triangles (m, 3, 3) at their edges' midpoints until no edge is longer than `longest`."""
-    done = []
-    while len(triangles):
-        edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
-        is_long = edges.max(axis=1) > longest
-        done.append(triangles[~is_long])
-        a, b, c = np.moveaxis(triangles[is_long], 1, 0)
-        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
-    return np.concatenate(done)
-
-
 class _Bricks:
     """Cells of the finest grid near the surface, stored in bricks of 8x8x8."""
 
@@ -159,26 +145,24 @@ def _starts(count: Buffer) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(count.get().ravel(), dtype=np.int64)]).astype(np.int32)
 
 
-def _lines(device: Device, grid: Grid, surface: Buffer) -> tuple[Buffer, Buffer]:
-    """Signed crossings of triangles (n, 9) with the grid lines along x: first of each line, and (x, sign)."""
-    ny, nz, n = 2 * grid.dims[1] + 1, 2 * grid.dims[2] + 1, surface.shape[0]
+def _lines(device: Device, grid: Grid, surface: Triangles) -> tuple[Buffer, Buffer]:
+    """Signed crossings of triangles with the grid lines along x: first of each line, and (x, sign)."""
+    ny, nz = 2 * grid.dims[1] + 1, 2 * grid.dims[2] + 1
     count = device.zeros(ny * nz, np.int32)
-    device.run(device.kernel("crossing", "count_crossings"), n, n, ny, nz, surface, count)
+    surface.run(device.kernel("crossing", "count_crossings"), (ny, nz), (count,))
     start = _starts(count)
     cursor, crossing = device.array(start), device.empty((max(int(start[-1]), 1), 2))
-    kernel = device.kernel("crossing", "list_crossings")
-    device.run(kernel, n, n, ny, nz, surface, cursor, crossing)
+    surface.run(device.kernel("crossing", "list_crossings"), (ny, nz), (cursor, crossing))
     return device.array(start), crossing
 
 
-def _touch(device: Device, grid: Grid, surface: Buffer) -> tuple[_Bricks, Buffer, np.ndarray]:
-    """Bricks near the triangles (n, 9), their map on the device, and which of their cells triangles may meet."""
-    n = surface.shape[0]
+def _touch(device: Device, grid: Grid, surface: Triangles) -> tuple[_Bricks, Buffer, np.ndarray]:
+    """Bricks near the triangles, their map on the device, and which of their cells triangles may meet."""
     mark = device.zeros(int(np.prod(grid.blocks)), np.uint8)
-    device.run(device.kernel("bin", "mark_blocks"), n, n, grid.dims, 1.2, surface, mark)
+    surface.run(device.kernel("bin", "mark_blocks"), (grid.dims, 1.2), (mark,))
     bricks = _Bricks(grid, mark.get())
     block, touched = device.array(bricks.block), device.zeros(512 * len(bricks.used), np.uint8)
-    device.run(device.kernel("bin", "touch_cells"), n, n, grid.dims, block, surface, touched)
+    surface.run(device.kernel("bin", "touch_cells"), (grid.dims, block), (touched,))
     return bricks, block, touched.get()
 
 
@@ -203,20 +187,20 @@ def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
     Samples
     """
     triangles = grid.to_cells(mesh.triangles)
-    surface, parts = device.array(triangles.reshape(-1, 9)), split_long(triangles, LONGEST_EDGE)
-    pieces = surface if len(parts) == len(triangles) else device.array(parts.reshape(-1, 9))
+    surface, parts = Triangles(device, triangles), split_long(triangles, LONGEST_EDGE)
+    pieces = surface if len(parts) == len(triangles) else Triangles(device, parts)
     bricks, block, touched = _touch(device, grid, pieces)
     cells = bricks.cells(np.flatnonzero(touched))
     needed = np.zeros(len(touched), bool)
     corner_entry = np.stack([bricks.entry(cells + corner) for corner in _corners()], axis=1)
     needed[corner_entry] = True
     owner_cells = bricks.cells(np.flatnonzero(needed))
-    n, m = len(owner_cells), pieces.shape[0]
+    n = len(owner_cells)
     slot = np.where(needed, np.cumsum(needed, dtype=np.int32) - 1, -1)
     distance = device.empty((n, 8))
     distance.fill(REACH**2)
     kernel = device.kernel("distance", "distance_to_triangle")
-    device.run(kernel, m, m, grid.dims, REACH, block, device.array(slot), pieces, distance)
+    pieces.run(kernel, (grid.dims, REACH, block, device.array(slot)), (distance,))
     lines = _lines(device, grid, surface) if mesh.closed else (None, None)
     packed = np.concatenate([owner_cells, np.zeros((n, 1), np.int32)], axis=1)
     kernel = device.kernel("distance", "distance_at_nodes")

@@ -31,7 +31,8 @@ PROBES = 8  # rays that tell whether a patch sees the object at all
 RAYS = 32  # rays of those that do
 PATCHES = 64  # patches along the longest side of the grid, at least
 NEAREST = 6  # patches that a cut cell's share is blended from
-CHUNK = 1 << 18
+CHUNK = 1 << 18  # rays at a time
+HELD = 1 << 15  # of which the device holds so many at once
 HUGE = 1e30  # extinction of the object, for rays that go around it
 GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # R3 low-discrepancy sequence
 
@@ -152,12 +153,17 @@ class _Tracer:
 
     def _first_met(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """The cut cell that each ray meets first, -1 where none."""
-        octree, n = self.octree, len(origin)
-        device = octree.clearance.device
-        met, opaque = device.empty(n, np.int32), device.vector([HUGE] * 4)
-        device.run(device.kernel("seen", "first_met"), -(-n // device.lanes), n, *octree.body, opaque,
-                   device.array(octree.grid.to_cells(origin)), device.array(direction), met)  # fmt: skip
-        return met.get()
+        octree, device, n = self.octree, self.octree.clearance.device, len(origin)
+        kernel, opaque, found = device.kernel("seen", "first_met"), device.vector([HUGE] * 4), np.empty(n, np.int32)
+        for first in range(0, n, HELD):
+            part = slice(first, min(first + HELD, n))
+            m = part.stop - first
+            met = device.empty(m, np.int32)
+            start = device.array(octree.grid.to_cells(origin[part]))
+            device.run(kernel, -(-m // device.lanes), m, *octree.body, opaque, start, device.array(direction[part]),
+                       met)  # fmt: skip
+            found[part] = met.get()
+        return found
 
     def _ends(self, origin: np.ndarray, direction: np.ndarray, met: np.ndarray) -> np.ndarray:
         """Where rays meet the planes of the cut cells `met`, just under them."""

@@ -14,6 +14,7 @@ from clsss.device import Device
 from clsss.morton import BITS, morton
 
 LEAF_SIZE = 4  # triangles
+CHUNK = 1 << 16  # points at a time, so that the device need not hold much
 FAR = 3.0  # distance over radius from which a node counts as one: errors stay near 0.01
 
 
@@ -46,13 +47,14 @@ def winding_number(device: Device, triangles: np.ndarray, points: np.ndarray) ->
     cells = (unit.mean(axis=1) + 1) * (2 ** (BITS - 1) - 0.01)
     unit = unit[np.argsort(morton(cells.astype(np.int64)))]
     skip, leaf, nodes = _tree(unit)
-    queries = device.array((points - centre) / half)
-    out = device.empty(len(points))
-    device.run(
-        device.kernel("winding", "wind"), len(points), len(points), len(skip), len(unit), LEAF_SIZE,
-        device.array(skip), device.array(leaf), device.array(nodes), device.array(unit), queries, out,
-    )  # fmt: skip
-    return out.get().astype(np.float64)
+    tree = (len(skip), len(unit), LEAF_SIZE, *(device.array(values) for values in (skip, leaf, nodes, unit)))
+    winding, kernel = np.empty(len(points)), device.kernel("winding", "wind")
+    for first in range(0, len(points), CHUNK):
+        part = points[first : first + CHUNK]
+        out = device.empty(len(part))
+        device.run(kernel, len(part), len(part), *tree, device.array((part - centre) / half), out)
+        winding[first : first + CHUNK] = out.get()
+    return winding
 
 
 def _tree(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -29,7 +29,7 @@ LAYERS = {
         "bvh",
     ],
     0.1: ["sparsematrix", "media", "lights", "rays", "options", "opengl", "overlay", "winding", "tomlfile", "paint"],
-    0.2: ["repair", "scene", "doctor"],
+    0.2: ["repair", "scene", "doctor", "triangles"],
     0.3: ["mesh"],
     0.4: ["validity", "volumes"],
     1: ["cutcell", "transport", "dipole"],
