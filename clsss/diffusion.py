@@ -20,6 +20,7 @@ import numpy as np
 
 from clsss.around import Around, list_around
 from clsss.device import ROW_ALIGNMENT, Buffer, Device
+from clsss.jumps import Jumps, find_jumps
 from clsss.octree import Octree
 from clsss.rows import Shared, share_rows
 
@@ -46,6 +47,8 @@ class Coefficients:
         Boundary constant A.
     eta : float
         Relative index of refraction.
+    jumps : Jumps or None
+        Where D jumps between finest cells.
     """
 
     homogeneous: bool
@@ -56,6 +59,7 @@ class Coefficients:
     g: float
     fresnel_A: float
     eta: float
+    jumps: Jumps | None = None
 
     @property
     def defines(self) -> tuple[str, ...]:
@@ -156,14 +160,19 @@ def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
     D: list[Buffer] = []
     absorption: list[Buffer] = []
     scattering: list[Buffer] = []
+    def transport(points: np.ndarray) -> np.ndarray:
+        sigma_a, sigma_s = medium.coefficients(points)
+        return sigma_a + (1 - medium.g) * sigma_s
+
     for points in cell_points(octree):
         sigma_a, sigma_s = medium.coefficients(points)
-        D.append(device.array(channels(1 / (3 * (sigma_a + (1 - medium.g) * sigma_s)))))
+        sigma_tr = sigma_a + (1 - medium.g) * sigma_s
+        D.append(device.array(channels(1 / (3 * sigma_tr))))
         absorption.append(device.array(channels(sigma_a)))
         scattering.append(device.array(channels((1 - f) * sigma_s)))
-    finest_D = 1 / (3 * (sigma_a + (1 - medium.g) * sigma_s))
-    widths = device.array(channels(fitted_widths(octree.grid.h, finest_D, sigma_a)))
-    return Coefficients(False, D, absorption, scattering, widths, beam_g, fresnel_A, medium.eta)
+    widths = device.array(channels(fitted_widths(octree.grid.h, 1 / (3 * sigma_tr), sigma_a)))
+    jumps = find_jumps(device, octree, points, sigma_tr, transport)
+    return Coefficients(False, D, absorption, scattering, widths, beam_g, fresnel_A, medium.eta, jumps)
 
 
 def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Operator:
@@ -177,6 +186,9 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     device.run(kernel, finest.n, finest.n, finest.h, A, medium.D[-1], medium.D[-2], medium.sigma_a[-1],
                medium.fitted, finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
                cut.aperture, cut.face_centroid, T[-1], absorb[-1])  # fmt: skip
+    if medium.jumps is not None:
+        m = medium.jumps.face.shape[0]
+        device.run(device.kernel("jump", "cross_jumps"), m, m, medium.jumps.face, medium.jumps.share, T[-1])
     kernel = device.kernel("coefficients", "coarse_coefficients", *defines)
     for k in range(len(T) - 2, -1, -1):
         level = octree.levels[k]

@@ -20,6 +20,7 @@ import numpy as np
 
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
+from clsss.jumps import mean_over_jumps
 from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree
@@ -213,7 +214,10 @@ def _add_emission(beams: Beams, light: Emission, unit: float) -> np.ndarray:
     for k, (level, q) in enumerate(zip(octree.levels, beams.Q, strict=True)):
         leaf = level.leaf
         density, power = np.zeros((level.n, 3)), np.zeros((level.n + level.n_ghost, 3))
-        density[leaf] = light.density(points[k][leaf]) / unit
+        density[leaf] = light.density(points[k][leaf])
+        if callable(light.q0) and level is octree.finest:
+            density = mean_over_jumps(octree, density, light.density)
+        density /= unit
         power[: level.n] = density * volumes[k][:, None]
         lost += power.sum(axis=0)
         if layer and level is octree.finest:

@@ -38,7 +38,7 @@ LAYERS = {
     1.3: ["montecarlo"],
     1.4: ["reference", "refinement", "coarsening", "leafmap"],
     2: ["octree"],
-    2.1: ["around", "inner", "rows"],
+    2.1: ["around", "inner", "rows", "jumps"],
     3: ["diffusion"],
     3.05: ["layer"],
     3.1: ["source", "anderson"],
