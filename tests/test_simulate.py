@@ -56,6 +56,15 @@ def test_slab_fluence_inside(wide_slab):
         assert relative_rms(found[:, channel], T * solution.phi(depths)) <= 0.01
 
 
+def test_slab_fluence_within_cut_cells(wide_slab):
+    """On the far side, from the centroids of the cut cells (a third of a millimetre wide) to the surface."""
+    result, exact, T = wide_slab
+    depths = np.linspace(3.85, 3.98, 40)
+    found = result.fluence(in_slab(depths))
+    for channel, solution in enumerate(exact):
+        assert relative_rms(found[:, channel], T * solution.phi(depths)) <= 0.012
+
+
 def test_slab_reflectance_and_transmittance(wide_slab):
     result, exact, T = wide_slab
     top, bottom = (result.radiosity(in_slab(np.full(30, depth))) for depth in (0.0, 4.0))
@@ -306,9 +315,11 @@ def test_relight_leaves_the_first_result_alone(small):
 
 
 def test_relight_with_the_same_lights_takes_little(small):
-    again = small.relight([SUN])
-    assert again.report["solve"]["cycles"] <= 1
-    np.testing.assert_allclose(again.vertex_radiosity, small.vertex_radiosity, rtol=1e-3)
+    """Also where another light, so far away that it adds next to nothing, sets the unit."""
+    for others in ([], [PointLight((0, 1e6, 0), 1e7)]):
+        again = small.relight([SUN, *others])
+        assert again.report["solve"]["cycles"] <= 1
+        np.testing.assert_allclose(again.vertex_radiosity, small.vertex_radiosity, rtol=1e-3)
 
 
 def test_results_are_linear_in_the_light(small):

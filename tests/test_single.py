@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import trimesh
-from shapes import box, hollow_sphere, relative_rms, sphere, sphere_triangles
+from shapes import box, build_tree, hollow_sphere, relative_rms, sphere, sphere_triangles
 
 from clsss import montecarlo
 from clsss.analytic import slab
+from clsss.diffusion import sample_medium
 from clsss.lights import DirectionalLight
-from clsss.materials import Material
+from clsss.materials import Material, fresnel_A, fresnel_transmittance
 from clsss.mesh import load_mesh
 from clsss.rays import RayCaster
 from clsss.simulate import simulate
@@ -50,6 +51,22 @@ def test_split_is_closer_than_plain_on_a_half_space(albedo, exact):
         assert abs(of_split - truth) < abs(of_plain - truth)
     assert single == pytest.approx(once, rel=0.005)
     assert found == pytest.approx(exact, rel={0.99: 0.005, 0.9: 0.012, 0.5: 0.03}[albedo])
+
+
+def test_radiance_of_a_half_space(double):
+    """L = T(1) T(mu) / eta^2 p(cos) albedo / (1 + mu_i), mu_i the cosine inside: squarely lit, seen from aside."""
+    eta, medium = 1.4, Material((0.0, 1.0, 2.0), (2.0, 2.0, 1.0), g=0.3, eta=1.4)
+    tree = build_tree(double, box((40, 40, 16)), 48)
+    sampled = sample_medium(double, tree, medium, fresnel_A(eta), "p1")
+    single = SingleScattering(double, tree, sampled, [DOWN], 1.0)
+    angles = np.radians([0.0, 30.0, 60.0, 80.0])
+    out = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
+    found = single.radiance(np.tile([0.3, 0.2, 8.0], (4, 1)), np.tile([0.0, 0.0, 1.0], (4, 1)), out)
+    inner = np.sqrt(1 - (np.sin(angles) / eta) ** 2)
+    phase = (1 - 0.3**2) / (4 * np.pi * (1 + 0.3**2 + 2 * 0.3 * inner) ** 1.5)
+    passes = fresnel_transmittance(1.0, eta) * fresnel_transmittance(np.cos(angles), eta) / eta**2
+    albedo = medium.sigma_s / medium.sigma_t
+    np.testing.assert_allclose(found, (passes * phase / (1 + inner))[:, None] * albedo, rtol=1e-3)
 
 
 @pytest.mark.filterwarnings("ignore:diffusion is only approximate")
