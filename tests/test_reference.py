@@ -295,6 +295,20 @@ def test_forward_and_backward_agree(name):
     assert np.all(noise < 0.1 * b.radiosity.sum(axis=0))
 
 
+@pytest.mark.parametrize("g", [0.5, -0.4])
+@pytest.mark.parametrize("forward", [True, False], ids=["sampled", "evaluated"])
+def test_thin_plates_scatter_forward_as_henyey_and_greenstein_say(g, forward):
+    """Share of the light scattered once that goes on: (1 - g^2) / 2g (1 / (1 - g) - 1 / sqrt(1 + g^2))."""
+    plate = block(6.0, 6.0, 0.1)
+    points, normals = np.array([[0, 0, 0.05], [0, 0, -0.05]]), np.array([[0, 0, 1.0], [0, 0, -1.0]])
+    medium = Material(0.0, 0.1, g)
+    e = estimate(plate, medium, [DOWN], 100_000, points, normals, forward=forward, radius=2.5)
+    found = e.single[1] / e.single.sum(axis=0)
+    onward = (1 - g * g) / (2 * g) * (1 / (1 - g) - 1 / np.sqrt(1 + g * g))
+    np.testing.assert_allclose(found, onward, atol=0.03)
+    np.testing.assert_allclose(e.single.sum(axis=0), 0.01, rtol=0.1)
+
+
 def test_paths_start_where_light_neither_bends_nor_shines_inside():
     inside, outside = PointLight((0, 0, 1.0)), PointLight((0, 0, 9.0))
     straight, bending = Material(0.1, 1.0), Material(0.1, 1.0, eta=1.3)
