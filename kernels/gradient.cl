@@ -17,8 +17,8 @@
 __constant REAL16 steps[7] = {STEPS(0), STEPS(4), STEPS(8), STEPS(12), STEPS(16), STEPS(20),
                               (REAL16)(STEP(24), STEP(25), STEP(26), 0, 0, 0, 0)};
 
-/* The normal equations, m g = right; each of a vector's four parts is a sum over other neighbours, (x, y, z, -) of m and
- * the channels of right. */
+/* The normal equations, m g = right; each of a vector's four parts is a sum over other neighbours, (x, y, z, -) of m
+ * and the channels of right. */
 typedef struct {
     REAL16 mx, my, mz, right_x, right_y, right_z;
 } Sums;
@@ -72,8 +72,8 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
         const REAL16 cells = (REAL16)(centroid[kept.x], centroid[kept.y], centroid[kept.z], centroid[kept.w]);
         const REAL16 other = convert_REAL4(cut).xxxxyyyyzzzzwwww < 0 ? full : cells;
         const REAL4 there = convert_REAL4(((int4)(exist) >> (4 * k + (int4)(0, 1, 2, 3))) & 1);
-        add_rows(&s, other - four_times(own) + steps[k], (REAL16)(x[j[0]], x[j[1]], x[j[2]], x[j[3]]) - four_times(value),
-                 there * other.s37bf);
+        const REAL16 values = (REAL16)(x[j[0]], x[j[1]], x[j[2]], x[j[3]]);
+        add_rows(&s, other - four_times(own) + steps[k], values - four_times(value), there * other.s37bf);
     }
     const REAL4 offset = (boundary[c] - own) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
     const REAL4 D_over_h = AT(D, i) / h, across = offset / (2 * fresnel_A);
