@@ -13,17 +13,18 @@ import numpy as np
 from clsss.anderson import TILE
 
 Arguments = dict[str, Any]
+SPARE = [0, 1, 2, 2]  # the fourth channel repeats the third
 
 
 def _per_face(a: Arguments, T: str = "T") -> np.ndarray:
     """Transmissibilities (n, 6, 1) or (n, 6, 4)."""
-    values = a[T].reshape(len(a[T]), 6, -1)
-    return values if a["rows"] is None else values[a["rows"]]
+    values = a[T]
+    return values[..., SPARE] if a["rows"] is None else values[a["rows"], :, None]
 
 
 def _absorb(a: Arguments) -> np.ndarray:
     """Absorption (n, 4)."""
-    return a["absorb"] if a["rows"] is None else a["absorb"][np.minimum(a["rows"], a["last"])]
+    return a["absorb"][:, SPARE] if a["rows"] is None else a["absorb"][np.minimum(a["rows"], a["last"])]
 
 
 def _outflow(a: Arguments, x: np.ndarray, open_face: np.ndarray | float = 1.0) -> np.ndarray:
@@ -57,9 +58,9 @@ def residual_of_leaves(a: Arguments) -> Arguments:
 
 def reflux(a: Arguments) -> Arguments:
     r, face = a["r"].copy(), a["ghost_face"]
-    T = _per_face(a, "T_fine").reshape(-1, a["T_fine"].size // len(a["T_fine"]) // 6)
+    T = _per_face(a, "T_fine")
     ghosts = a["n_fine"] + np.arange(len(face))
-    flux = T[face] * (a["x_fine"][face // 6] - a["x_fine"][ghosts])
+    flux = T[face // 6, face % 6] * (a["x_fine"][face // 6] - a["x_fine"][ghosts])
     r[a["interface"]] += np.add.reduceat(flux, a["interface_start"][:-1])
     return {"r": r}
 

@@ -204,7 +204,7 @@ def parameters(source: str, kernel: str, defines: tuple[str, ...]) -> dict[str, 
 def declared_costs(size_of_real: int, defines: tuple[str, ...] = ()) -> dict[str, tuple[int, int]]:
     """Bytes and flop per work-item of the ``// cost`` lines: R a real, C a conductance, M a medium's coefficient."""
     varies = "HETEROGENEOUS" in defines
-    sizes = {"R": size_of_real, "C": size_of_real * (4 if varies else 1), "M": size_of_real * 4 * varies, "": 1}
+    sizes = {"R": size_of_real, "C": size_of_real * (3 if varies else 1), "M": size_of_real * 3 * varies, "": 1}
     costs = {}
     for path in sorted(KERNEL_DIR.glob("*.cl")):
         for name, terms, flop in _COST.findall(path.read_text()):

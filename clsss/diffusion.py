@@ -22,7 +22,7 @@ from clsss.around import Around, list_around
 from clsss.device import ROW_ALIGNMENT, Buffer, Device
 from clsss.jumps import Jumps, find_jumps
 from clsss.octree import Octree
-from clsss.rows import Shared, share_rows
+from clsss.rows import Kept, keep
 
 CHANNELS = 4
 RESOLVED, FITTED = 0.05, 0.075  # (k h)^2 up to which no exponential is fitted, and from which on it is all
@@ -35,11 +35,11 @@ class Coefficients:
 
     Attributes
     ----------
-    D : list of (n, 4) real, device, or of REAL4
+    D : list of (n, 3) real, device, or of REAL4
         Diffusion coefficient [mm] of each level.
     sigma_a, sigma_s : likewise
         Absorption, and scattering out of the beam, sigma_s* = (1 - f) sigma_s [1/mm].
-    fitted : (n, 4) real, device, or REAL4
+    fitted : (n, 3) real, device, or REAL4
         (k h)^2 of the finest level's cells as far as exponentials are fitted (`fitted_widths`).
     g : float
         Mean cosine g* = (g - f) / (1 - f) of that scattering.
@@ -73,10 +73,10 @@ class Operator:
 
     Attributes
     ----------
-    T : list of Shared, (n, 6) real, or (n, 6, 4)
+    T : list of Kept, (n, 6) real, or (n, 6, 3)
         Transmissibility of each face: [mm] where the medium is homogeneous and the equation scaled by 1/D,
         otherwise [mm^2].
-    absorb : list of Shared, (n, 4) real
+    absorb : list of Kept, (n, 4) real, or (n, 3)
         Absorption and exitance per fluence, in the same scale.
     weight : list of (n, 4) uint8, device
         Weights of the prolongation to each level but the coarsest (weight.h).
@@ -90,8 +90,8 @@ class Operator:
 
     octree: Octree
     medium: Coefficients
-    T: list[Shared]
-    absorb: list[Shared]
+    T: list[Kept]
+    absorb: list[Kept]
     weight: list[Buffer | None]
     share: list[Buffer]
     irregular: Buffer
@@ -167,10 +167,10 @@ def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
     for points in cell_points(octree):
         sigma_a, sigma_s = medium.coefficients(points)
         sigma_tr = sigma_a + (1 - medium.g) * sigma_s
-        D.append(device.array(channels(1 / (3 * sigma_tr))))
-        absorption.append(device.array(channels(sigma_a)))
-        scattering.append(device.array(channels((1 - f) * sigma_s)))
-    widths = device.array(channels(fitted_widths(octree.grid.h, 1 / (3 * sigma_tr), sigma_a)))
+        D.append(device.array(1 / (3 * sigma_tr)))
+        absorption.append(device.array(sigma_a))
+        scattering.append(device.array((1 - f) * sigma_s))
+    widths = device.array(fitted_widths(octree.grid.h, 1 / (3 * sigma_tr), sigma_a))
     jumps = find_jumps(device, octree, points, sigma_tr, transport)
     return Coefficients(False, D, absorption, scattering, widths, beam_g, fresnel_A, medium.eta, jumps)
 
@@ -201,9 +201,10 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
         weight.append(device.empty((level.n, 4), np.uint8))
         device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
     share = _shares(device, octree, medium, T)
-    rows = [share_rows(device, t, a) if medium.homogeneous else (Shared(t, None), Shared(a, None))
-            for t, a in zip(T, absorb, strict=True)]  # fmt: skip
-    return Operator(octree, medium, [t for t, _ in rows], [a for _, a in rows], weight, share,
+    kept: list[tuple[Kept, Kept]] = []
+    while T:  # what a level had goes before the next one's comes
+        kept.insert(0, keep(device, T.pop(), absorb.pop()))
+    return Operator(octree, medium, [t for t, _ in kept], [a for _, a in kept], weight, share,
                     _irregular(device, octree), list_around(device, octree))  # fmt: skip
 
 

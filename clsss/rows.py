@@ -1,7 +1,8 @@
-"""Coefficients that many cells of a level share: rows of numbers, and which row is whose (kernels/rows.h).
+"""What the solve keeps of a level's coefficients: rows of numbers, and which row is whose (kernels/rows.h).
 
 In a homogeneous medium full cells among their like have one transmissibility and absorb alike; towards leaves of other
-levels they have few others. Only what differs from that is kept for each cell.
+levels they have few others. Only what differs from that is kept for each cell. In a heterogeneous one all do, of three
+channels.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ FREQUENT = 4  # transmissibilities of which cells may share rows
 
 
 @dataclass(frozen=True, eq=False)
-class Shared:
+class Kept:
     """Values of cells by row.
 
     Attributes
     ----------
     values : (m, ...) real, device
     row : (n,) int32, device, or None
-        Of each cell; rows beyond the last of `values` are the last. None: each cell has its own.
+        Of each cell; rows beyond the last of `values` are the last. None: each cell has its own, of three channels.
     """
 
     values: Buffer
@@ -36,9 +37,9 @@ class Shared:
         return self.values.shape[0] - 1
 
     def get(self) -> np.ndarray:
-        """A copy on the host, of each cell (n, ...)."""
+        """A copy on the host, of each cell (n, ...), with a spare fourth channel."""
         values = self.values.get()
-        return values if self.row is None else values[np.minimum(self.row.get(), self.last)]
+        return values[..., [0, 1, 2, 2]] if self.row is None else values[np.minimum(self.row.get(), self.last)]
 
 
 def _frequent(values: np.ndarray, count: int) -> np.ndarray:
@@ -48,9 +49,11 @@ def _frequent(values: np.ndarray, count: int) -> np.ndarray:
     return found[np.argsort(-times, kind="stable")[:count]]
 
 
-def share_rows(device: Device, T: Buffer, absorb: Buffer) -> tuple[Shared, Shared]:
-    """Transmissibilities (n, 6) and absorption (n, 4) of a level's cells, what is alike kept once."""
+def keep(device: Device, T: Buffer, absorb: Buffer) -> tuple[Kept, Kept]:
+    """Transmissibilities (n, 6) or (n, 6, 4) and absorption (n, 4) of a level's cells."""
     T_host, absorb_host = T.get(), absorb.get()
+    if T_host.ndim == 3:
+        return Kept(device.array(T_host[..., :3]), None), Kept(device.array(absorb_host[:, :3]), None)
     sinks = (absorb_host != _frequent(absorb_host, 1)).any(axis=1)
     pattern, known = np.zeros(len(T_host), np.int64), np.zeros(T_host.shape, bool)
     for number, value in enumerate(_frequent(T_host.ravel(), FREQUENT)):
@@ -65,4 +68,4 @@ def share_rows(device: Device, T: Buffer, absorb: Buffer) -> tuple[Shared, Share
     row[kept] = np.arange(len(kept), dtype=np.int32)
     row[common] = len(own) + which
     shared, usual = device.array(row), kept[min(len(own), len(kept) - 1)]
-    return Shared(device.array(T_host[kept]), shared), Shared(device.array(absorb_host[np.append(own, usual)]), shared)
+    return Kept(device.array(T_host[kept]), shared), Kept(device.array(absorb_host[np.append(own, usual)]), shared)

@@ -62,14 +62,14 @@ def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[An
         return (device.vector([octree.grid.h * t for t in total]),)
     parts = [a.get() + s.get() for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
-    return device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
+    return device.array(channels(np.concatenate(parts)) * octree.grid.h), device.array(start)
 
 
 def scattering(device: Device, octree: Octree, medium: Coefficients) -> Any:
     """sigma_s per finest cell width: a vector, or all levels' cells, in the order of `extinction`."""
     if medium.homogeneous:
         return device.vector([octree.grid.h * s for s in medium.sigma_s[-1].tolist()])
-    return device.array(np.concatenate([s.get() for s in medium.sigma_s[::-1]]) * octree.grid.h)
+    return device.array(channels(np.concatenate([s.get() for s in medium.sigma_s[::-1]])) * octree.grid.h)
 
 
 def light_arguments(device: Device, octree: Octree, light: Any, unit: float) -> tuple[Any, Any]:
@@ -198,7 +198,7 @@ class Beams:
         if self.medium.homogeneous:
             a, s = np.array(sigma_a.tolist()), np.array(sigma_s.tolist())
         else:
-            a, s = sigma_a.get()[index[0]].astype(float), sigma_s.get()[index[0]].astype(float)
+            a, s = (channels(values.get()[index[0]].astype(float)) for values in (sigma_a, sigma_s))
         power = 4 * np.pi * channels(lamp.intensity / unit)
         Q = self.Q[k].get()
         Q[index[0]] += power * s / (a + s)

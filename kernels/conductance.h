@@ -1,13 +1,13 @@
 /* conductance.h -- homogeneous media scale the equation by 1/D, so that transmissibilities are one number for all
- * channels; heterogeneous ones keep four.
+ * channels; heterogeneous ones keep one for each.
  *
  *     homogeneous:    T = area / distance,            absorb = (sigma_a V + C_B) / D
  *     heterogeneous:  T = area / (d_i/D_i + d_j/D_j), absorb =  sigma_a V + C_B
  */
 #ifdef HETEROGENEOUS
 #define COND REAL4
-#define MEDIUM __global const REAL4 *restrict
-#define AT(value, i) value[i]
+#define MEDIUM __global const REAL *restrict
+#define AT(value, i) vload3(i, value).xyzz
 #define MEAN(t) (((t).x + (t).y + (t).z) / 3)
 #define SCALE(value, D) (value)
 #else

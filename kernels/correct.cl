@@ -44,7 +44,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                                __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
                                __global const REAL2 *restrict face_centroid, __global const int *restrict rows,
-                               __global const COND *restrict T, __global const REAL *restrict slope,
+                               __global const REAL *restrict T, __global const REAL *restrict slope,
                                __global const REAL4 *restrict x, __global REAL4 *restrict r) {
     const int m = get_global_id(0);
     if (m >= n) return;
@@ -63,9 +63,9 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
         if (any_fitted(k2 + k2_j)) {
             const REAL delta = distance_across(f, c, other, centroid);
             const REAL4 ease = 1 / sinh_over(link_width2(k2, k2_j, delta, f >> 1, c, other, boundary, normal));
-            sum += T[6 * row + f] * (ease * rise + (ease - 1) * (x[j] - x[i]));
+            sum += T_AT(T, 6 * row + f) * (ease * rise + (ease - 1) * (x[j] - x[i]));
         } else {
-            sum += T[6 * row + f] * rise;
+            sum += T_AT(T, 6 * row + f) * rise;
         }
     }
     if (c >= 0) {

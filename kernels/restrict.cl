@@ -11,14 +11,14 @@
 
 // cost leave_residual: 40R+6C+28 B, 76 flop
 __kernel void leave_residual(const int n, __global const int *restrict nbr, __global const int *restrict rows,
-                             const int last, __global const COND *restrict T, __global const REAL4 *restrict absorb,
+                             const int last, __global const REAL *restrict T, __global const SINK *restrict absorb,
                              __global const REAL4 *restrict b, __global REAL4 *x) {
     const int i = get_global_id(0);
     if (i >= n) return;
     const int row = ROW_OF(i, rows);
     const REAL4 own = x[i];
-    REAL4 sum = b[i] - absorb[min(row, last)] * own;
-    for (int f = 0; f < 6; f++) sum += T[6 * row + f] * (x[nbr[6 * i + f]] - own);
+    REAL4 sum = b[i] - SINK_AT(absorb, min(row, last)) * own;
+    for (int f = 0; f < 6; f++) sum += T_AT(T, 6 * row + f) * (x[nbr[6 * i + f]] - own);
     x[i] = sum;
 }
 

@@ -1,8 +1,15 @@
-/* rows.h -- coefficients that many cells of a level share where the medium is homogeneous: T and absorb are kept by
- * row, and cells know theirs. The first `last` rows of absorb are those of T, the last is for all other rows of T.
+/* rows.h -- T and absorb as the solve takes them: of three channels where the medium is heterogeneous; by row where it
+ * is homogeneous and many cells of a level share theirs, each cell knowing its row. The first `last` rows of absorb are
+ * those of T, the last is for all other rows of T.
  */
 #ifdef HETEROGENEOUS
 #define ROW_OF(i, rows) (i)
+#define T_AT(T, face) vload3(face, T).xyzz
+#define SINK REAL
+#define SINK_AT(absorb, row) vload3(row, absorb).xyzz
 #else
 #define ROW_OF(i, rows) rows[i]
+#define T_AT(T, face) T[face]
+#define SINK REAL4
+#define SINK_AT(absorb, row) absorb[row]
 #endif
