@@ -126,10 +126,11 @@ def patch_albedo(exchange: Exchange, octree: Octree, medium: Coefficients) -> np
     with kappa^2 = sigma_eff^2 + 1 / d^2; what does not come out where it enters has gone astray.
     """
     cut = octree.cut.cell.get()
-    D, sigma_a = (
-        np.broadcast_to(values.tolist(), (len(cut), CHANNELS)) if medium.homogeneous else values.get()[cut]
-        for values in (medium.D[-1], medium.sigma_a[-1])
-    )
+    D, sigma_a = medium.D[-1], medium.sigma_a[-1]
+    if medium.homogeneous:
+        D, sigma_a = (np.broadcast_to(values.tolist(), (len(cut), CHANNELS)) for values in (D, sigma_a))
+    else:
+        D, sigma_a = D.get()[cut], sigma_a[cut]
     D, sigma_a = exchange.share @ D[:, :3].astype(float), exchange.share @ sigma_a[:, :3].astype(float)
     inward = np.sqrt(D * (sigma_a + D * exchange.nearness[:, None] ** 2))
     everywhere = np.ones((len(exchange.nearness), 1))

@@ -61,7 +61,7 @@ def _absorbed(scene: Scene, solution: Solution) -> np.ndarray:
     tree, medium, layer = scene.octree, scene.medium, scene.layer
     absorbed = solution.source.lost / solution.unit
     for level, x, volume, sigma_a in zip(tree.levels, solution.phi, tree.volumes(), medium.sigma_a, strict=True):
-        rate = np.array(sigma_a.tolist()) if medium.homogeneous else sigma_a.get().astype(float)
+        rate = np.array(sigma_a.tolist()) if medium.homogeneous else sigma_a.astype(float)
         taking = layer.volume if layer and level is tree.finest else volume[:, None]
         absorbed += (x.get()[: level.n, :3] * rate[..., :3] * taking * level.leaf[:, None]).sum(axis=0)
     if layer:

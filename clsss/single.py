@@ -160,8 +160,8 @@ def _opaque(device: Device, medium: Coefficients) -> tuple[list[Any], list[Any]]
             sigma_t.append(device.vector(total))
             D.append(device.vector(1 / (3 * total)))
         else:
-            total = a.get().astype(float) + s.get()
-            sigma_t.append(device.array(total))
+            total = a.astype(float) + s
+            sigma_t.append(total.astype(device.real))
             D.append(device.array(1 / (3 * total)))
     return D, sigma_t
 

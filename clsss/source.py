@@ -60,7 +60,7 @@ def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[An
     if medium.homogeneous:
         total = [a + s for a, s in zip(medium.sigma_a[-1].tolist(), medium.sigma_s[-1].tolist(), strict=True)]
         return (device.vector([octree.grid.h * t for t in total]),)
-    parts = [a.get() + s.get() for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
+    parts = [a + s for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
     return device.array(channels(np.concatenate(parts)) * octree.grid.h), device.array(start)
 
@@ -69,7 +69,7 @@ def scattering(device: Device, octree: Octree, medium: Coefficients) -> Any:
     """sigma_s per finest cell width: a vector, or all levels' cells, in the order of `extinction`."""
     if medium.homogeneous:
         return device.vector([octree.grid.h * s for s in medium.sigma_s[-1].tolist()])
-    return device.array(channels(np.concatenate([s.get() for s in medium.sigma_s[::-1]])) * octree.grid.h)
+    return device.array(channels(np.concatenate(medium.sigma_s[::-1])) * octree.grid.h)
 
 
 def light_arguments(device: Device, octree: Octree, light: Any, unit: float) -> tuple[Any, Any]:
@@ -96,7 +96,7 @@ class Beams:
         self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None = None
     ):
         self.blockers, self._points = blockers, cell_points(octree) if blockers else []
-        self.device, self.octree, self.medium = device, octree, medium
+        self.device, self.octree, self.medium = device, octree, medium.on_device(device)
         n_cut = octree.cut.n
         self.Q = Field(device, octree)
         self.moment, self.wall = device.zeros((n_cut, CHANNELS)), device.zeros((n_cut, CHANNELS))
