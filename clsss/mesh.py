@@ -8,6 +8,7 @@ inside another is a cavity.
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Mesh", "RayCaster", "contains", "load_mesh", "opaque_triangles"]
 
+MOST_CAPS = 0.25  # share of the surface that holes' caps may be until that is said
 _FLAT = 1e-7  # volume over area times length: what rounding to float32 leaves of zero
 
 
@@ -142,6 +144,7 @@ def load_mesh(
     mesh = _scaled(vertices, faces, repaired, centre, longest, length, name)
     if solid:
         require_volume(mesh)
+        _warn_of_caps(mesh, (repaired.solid >= len(repaired.first)).any(axis=1))
     mesh.report["seconds"] = perf_counter() - start
     return mesh
 
@@ -218,6 +221,17 @@ def require_volume(mesh: Mesh) -> None:
     area, volume = mesh.area_and_volume if len(mesh.triangles) else (0.0, 0.0)
     if not (volume > 0 and volume > _FLAT * area * mesh.size):
         raise InputError(f"{mesh.name}: its surface holds no volume; clsss needs a solid with an inside")
+
+
+def _warn_of_caps(mesh: Mesh, is_cap: np.ndarray) -> None:
+    """Say so where much of the surface (m,) was made up: a sheet, or the half of an object."""
+    a, b, c = np.moveaxis(mesh.triangles, 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    if (share := area[is_cap].sum() / area.sum()) > MOST_CAPS:
+        found = f"{100 * share:.0f} % of its surface are caps over holes"
+        mesh.report["repairs"].append(found)
+        advice = "close it, or give a sheet a thickness, unless it is solid up to there"
+        warnings.warn(f"{mesh.name}: {found}: {advice}", stacklevel=3)
 
 
 def _normals(points: np.ndarray, faces: np.ndarray, used: np.ndarray, welded: np.ndarray) -> np.ndarray:

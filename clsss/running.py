@@ -123,6 +123,8 @@ def load(args: argparse.Namespace) -> Mesh:
     """The mesh of the options; says how large it is taken to be."""
     from clsss.request import mesh_from, size_note
 
+    if args.quiet:
+        warnings.simplefilter("ignore", UserWarning)
     mesh = mesh_from(args)
     if not args.quiet:
         print(size_note(args, mesh), file=sys.stderr)
@@ -134,8 +136,6 @@ def bake(args: argparse.Namespace, mesh: Mesh, progress: Callable[[str, float], 
     from clsss.request import blockers_from, lights_from, medium_from
     from clsss.simulate import simulate
 
-    if args.quiet:
-        warnings.simplefilter("ignore", UserWarning)
     result = simulate(
         mesh,
         medium_from(args, mesh),
