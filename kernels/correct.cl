@@ -51,6 +51,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
     const int i = irregular[m], c = cut_index[i], row = ROW_OF(i, rows);
     const REAL4 D_i = AT(D, i), k2 = AT(fitted, i);
     REAL4 sum = r[i];
+#pragma unroll
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
         if (j == i || j >= n_cells) continue;
@@ -96,5 +97,6 @@ __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, ME
     const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
     const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
     const REAL4 x2 = depth2(AT(fitted, i), d, normal[c], boundary[c]);
-    phi_B[c] = 2 * fresnel_A * (p + cosh(sqrt(x2)) * moment[c]) / resistance(x2, d * h, AT(D, i), fresnel_A);
+    const REAL4 swell = any_fitted(x2) ? cosh(sqrt(x2)) : (REAL4)(1);
+    phi_B[c] = 2 * fresnel_A * (p + swell * moment[c]) / resistance(x2, d * h, AT(D, i), fresnel_A);
 }
