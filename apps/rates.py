@@ -11,10 +11,11 @@ import problems
 
 from clsss import Emission, Mesh, cutcell, diffusion, octree, source
 from clsss.device import Device
-from clsss.diffusion import Field, Residual
+from clsss.diffusion import Field
 from clsss.materials import fresnel_A
 from clsss.multigrid import Convergence, Multigrid
 from clsss.refinement import varies
+from clsss.residual import Residual
 from clsss.source import Source
 from clsss.surface import boundary_points, fluence_at
 

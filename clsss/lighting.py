@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Coefficients, Field, Residual, cell_points, channels
+from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
 from clsss.exchange import Exchange
 from clsss.layer import Layer
 from clsss.materials import fresnel_moments
@@ -25,6 +25,7 @@ from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
 from clsss.octree import Octree
 from clsss.rays import RayCaster
+from clsss.residual import Residual
 from clsss.single import split
 from clsss.source import Source, light_unit, make_source, subtract_moment
 from clsss.sparsematrix import SparseMatrix

@@ -17,7 +17,8 @@ import numpy as np
 
 from clsss.anderson import Anderson, Follower, inner_product
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Operator, Residual, channels
+from clsss.diffusion import CHANNELS, Field, Operator, channels
+from clsss.residual import Residual
 from clsss.rounding import Held, rounding_gain
 
 SWEEPS = 2  # before and after the coarser level, on the finest

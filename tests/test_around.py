@@ -9,8 +9,9 @@ import pytest
 from shapes import box, build_operator, build_tree, pulley, set_field, sphere, stack, torus
 
 from clsss.around import ENTRIES, _list, list_around
-from clsss.diffusion import Field, Residual
+from clsss.diffusion import Field
 from clsss.materials import Material
+from clsss.residual import Residual
 
 SOLIDS = pytest.mark.parametrize("make", [sphere, torus, pulley, stack])
 

@@ -25,10 +25,11 @@ from shapes import (
 )
 
 from clsss import diffusion
-from clsss.diffusion import Field, Residual
+from clsss.diffusion import Field
 from clsss.layer import fitted_layer
 from clsss.lights import Emission
 from clsss.materials import Material, fresnel_A
+from clsss.residual import Residual
 from clsss.surface import boundary_points
 
 MATERIAL = Material(sigma_a=0.1, sigma_s=0.9, eta=1.3)

@@ -40,7 +40,7 @@ LAYERS = {
     2: ["octree"],
     2.1: ["around", "inner", "rows", "jumps"],
     3: ["diffusion"],
-    3.05: ["layer"],
+    3.05: ["layer", "residual"],
     3.1: ["source", "anderson"],
     3.2: ["rounding"],
     4: ["arguments", "multigrid", "surface"],

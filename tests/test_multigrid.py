@@ -23,10 +23,11 @@ from shapes import (
 )
 
 from clsss import source
-from clsss.diffusion import Field, Residual
+from clsss.diffusion import Field
 from clsss.lights import DirectionalLight, Emission
 from clsss.materials import Material
 from clsss.multigrid import OVER, Multigrid
+from clsss.residual import Residual
 
 MATERIAL = Material(sigma_a=(0.001, 0.01, 0.1), sigma_s=1.0, eta=1.3)
 LOSSLESS = Material(sigma_a=0.0, sigma_s=0.1)
