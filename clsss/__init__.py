@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from clsss.mesh import Mesh, load_mesh
     from clsss.paint import Inward
     from clsss.simulate import Result, simulate
-    from clsss.validity import ConvergenceWarning, DiffusionWarning
+    from clsss.validity import ConvergenceWarning, DiffusionWarning, ResolutionWarning
 
 __version__ = "0.1.0"
 
@@ -41,6 +41,7 @@ __all__ = [
     "Mix",
     "Perlin",
     "PointLight",
+    "ResolutionWarning",
     "Result",
     "Voxels",
     "devices",
@@ -59,7 +60,7 @@ _HOME = {
     "mesh": ("Mesh", "load_mesh"),
     "simulate": ("Result", "simulate"),
     "discovery": ("devices",),
-    "validity": ("ConvergenceWarning", "DiffusionWarning"),
+    "validity": ("ConvergenceWarning", "DiffusionWarning", "ResolutionWarning"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from clsss.device import Buffer, Device
 from clsss.mesh import Mesh
+from clsss.thickness import thickness_below
 from clsss.triangles import LONGEST_EDGE, Triangles, split_long
 from clsss.winding import winding_number
 
@@ -62,6 +63,8 @@ class Samples:
         Signed distance [cells] at the nodes that each owner has.
     inside : (nz, ny, nx) int8
         Whether a cell's centre is inside.
+    thickness : (k,) float64
+        Below places of the surface, even by area [cells]; infinite where it is no less than one.
     """
 
     cells: np.ndarray
@@ -69,6 +72,7 @@ class Samples:
     owners: np.ndarray
     distance: Buffer
     inside: np.ndarray
+    thickness: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +221,8 @@ def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
     state = device.empty(len(cells), np.uint8)
     kernel = device.kernel("distance", "classify")
     device.run(kernel, len(cells), len(cells), device.array(owners), distance, state)
-    return Samples(cells, state.get(), owners, distance, inside)
+    thickness = thickness_below(device, grid.dims, block, len(touched), bricks.entry, triangles, pieces)
+    return Samples(cells, state.get(), owners, distance, inside, thickness)
 
 
 def _fill_rows(device: Device, grid: Grid, line_start: Buffer, crossing: Buffer) -> np.ndarray:

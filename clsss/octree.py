@@ -101,6 +101,8 @@ class Octree:
         The two-level map of leaf codes.
     clearance : (n_blocks, 512) uint8, device
         How far each cell of the finest grid is from one of another kind (clearance.cl).
+    thickness : (k,) float64
+        As in `Samples`.
     """
 
     grid: Grid
@@ -110,6 +112,7 @@ class Octree:
     block: Buffer
     brick: Buffer
     clearance: Buffer
+    thickness: np.ndarray
 
     @property
     def finest(self) -> Level:
@@ -278,7 +281,7 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     brick_buffer.set(brick)
     levels = _make_levels(device, grid, cells, parents)
     clearance = clearance_map(device, grid, solid, is_cut)
-    return Octree(grid, levels, cut, cut_index, block_buffer, brick_buffer, clearance)
+    return Octree(grid, levels, cut, cut_index, block_buffer, brick_buffer, clearance, samples.thickness)
 
 
 def _cut_cells(device: Device, samples: Samples, rows: np.ndarray, ijk: np.ndarray, grid: Grid, block: np.ndarray,

@@ -11,6 +11,7 @@ import numpy as np
 
 from clsss import __version__
 from clsss.lighting import Scene, Solution
+from clsss.validity import thin_shares
 
 
 def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
@@ -31,6 +32,7 @@ def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict
             "cut_cells": tree.cut.n,
             "cells_per_level": [level.n for level in tree.levels],
             "h_mm": tree.grid.h,
+            "thinner_than": thin_shares(tree.thickness),
         },
         "solve": {
             "cycles": convergence.cycles,

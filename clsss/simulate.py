@@ -254,6 +254,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         layer = fitted_layer(dev, tree, coefficients)
         dev.finish()
+    validity.warn_unresolved(tree.thickness, grid.h, int(resolution))
     with timed("exchange", seconds, tell):
         opaque = opaque_triangles(blockers)
         shadows = None if opaque is None else RayCaster(opaque)

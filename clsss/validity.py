@@ -1,4 +1,4 @@
-"""Where the diffusion approximation is doubtful: media that absorb as they scatter, and objects too thin.
+"""Where results are doubtful: media that absorb as they scatter, objects too thin for diffusion, and for the grid.
 
     albedo = sigma_s' / sigma_tr     mean free path = 1 / sigma_tr     thickness = 4 V / S
 
@@ -16,6 +16,10 @@ from clsss.mesh import Mesh
 
 LEAST_ALBEDO = 0.9
 LEAST_PATHS = 3.0  # mean free paths that the object must be thick
+# How many cells parts should be thick, and the share of the surface that may lie over thinner ones: those of a cell
+# show faint streaks, those of half a cell turn out dark.
+THIN = {"cell": (1.0, 0.05), "half_a_cell": (0.5, 0.01)}
+FINEST = 2048  # resolution
 _CHANNELS = ("red", "green", "blue")
 _SAMPLES = 1000
 
@@ -39,6 +43,45 @@ def doubts(mesh: Mesh, medium: Medium) -> str:
             f"of {path[longest]:.2g} mm in {_CHANNELS[longest]}; it should be {LEAST_PATHS:g} or more"
         )
     return "diffusion is only approximate here: " + "; ".join(reasons) if reasons else ""
+
+
+class ResolutionWarning(UserWarning):
+    """Parts of the object are thinner than the cells they are computed in."""
+
+
+def unresolved(thickness: np.ndarray, h: float, resolution: int) -> str:
+    """Why the cells are too wide, and which resolution would do, or nothing.
+
+    Parameters
+    ----------
+    thickness : (k,) float64
+        Below places of the surface, even by area [cells].
+    h : float
+        Width of a cell [mm].
+    resolution : int
+        Cells along the longest side.
+    """
+    shares = thin_shares(thickness)
+    if all(shares[name] <= most for name, (_, most) in THIN.items()):
+        return ""
+    text = f"{100 * shares['cell']:.3g} % of the surface lies over parts thinner than a cell of {h:.2g} mm"
+    if shares["half_a_cell"] > 0:
+        text += f", {100 * shares['half_a_cell']:.3g} % over less than half of one, which turn out dark"
+    ordered = np.sort(thickness)
+    widest = min(ordered[int(most * len(ordered))] / limit for limit, most in THIN.values())
+    enough = 10 * int(np.ceil(resolution / max(widest, 1e-3) / 10))
+    return f"{text}: " + (f"resolution {enough} resolves them" if enough <= FINEST else "they need to be thicker")
+
+
+def thin_shares(thickness: np.ndarray) -> dict[str, float]:
+    """Shares of the surface that lie over parts thinner than a cell and than half of one; `thickness` in cells."""
+    return {name: float((thickness < limit).mean()) for name, (limit, _) in THIN.items()}
+
+
+def warn_unresolved(thickness: np.ndarray, h: float, resolution: int) -> None:
+    """Issue a `ResolutionWarning` where parts are `unresolved`."""
+    if text := unresolved(thickness, h, resolution):
+        warnings.warn(text, ResolutionWarning, stacklevel=4)
 
 
 class ConvergenceWarning(UserWarning):

@@ -6,14 +6,7 @@
 #include "real.h"
 #include "plane.h"
 #include "samples.h"
-
-/* Numbers that are not negative are ordered as their bits. */
-#ifdef DOUBLE
-#pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
-#define LOWER(place, value) atom_min((volatile __global ulong *)(place), as_ulong(value))
-#else
-#define LOWER(place, value) atomic_min((volatile __global uint *)(place), as_uint(value))
-#endif
+#include "lower.h"
 
 /* Squared distance of eight points to the segment a + s e; p relative to a. */
 REAL8 segment_distance2(const REAL8 px, const REAL8 py, const REAL8 pz, const REAL4 e) {

@@ -31,7 +31,7 @@ LAYERS = {
     0.1: ["sparsematrix", "media", "lights", "rays", "options", "opengl", "overlay", "winding", "tomlfile", "paint"],
     0.2: ["repair", "scene", "doctor", "triangles"],
     0.3: ["mesh"],
-    0.4: ["validity", "volumes"],
+    0.4: ["validity", "volumes", "thickness"],
     1: ["cutcell", "transport", "dipole"],
     1.1: ["paths", "launch"],
     1.2: ["photons"],

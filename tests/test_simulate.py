@@ -229,7 +229,7 @@ def test_nothing_absorbed_all_exits():
 
 REPORT = {
     "mesh": {"faces", "vertices", "closed", "repairs", "size_mm"},
-    "octree": {"levels", "cells", "leaves", "cut_cells", "cells_per_level", "h_mm"},
+    "octree": {"levels", "cells", "leaves", "cut_cells", "cells_per_level", "h_mm", "thinner_than"},
     "solve": {"cycles", "residuals", "converged", "factor"},
     "energy": {"incident_W", "deposited_W", "absorbed_W", "exited_W"},
     "seconds": {"load", "device", "octree", "cutcells", "source", "solve", "surface", "total"},

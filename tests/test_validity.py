@@ -8,10 +8,21 @@ import numpy as np
 import pytest
 import trimesh
 
+from clsss.cutcell import make_grid, sample_surface
+from clsss.lights import DirectionalLight
 from clsss.materials import Material, material
 from clsss.media import Mix
 from clsss.mesh import load_mesh
-from clsss.validity import DiffusionWarning, doubts, thickness_of, warn
+from clsss.simulate import simulate
+from clsss.validity import (
+    DiffusionWarning,
+    ResolutionWarning,
+    doubts,
+    thickness_of,
+    thin_shares,
+    unresolved,
+    warn,
+)
 
 
 def ball(diameter):
@@ -53,3 +64,49 @@ def test_the_warning_is_a_user_warning():
     with pytest.warns(DiffusionWarning, match="diffusion is only approximate here"):
         warn(ball(50), material("skin1"))
     assert issubclass(DiffusionWarning, UserWarning)
+
+
+def comb(*thicknesses, resolution=64):
+    """Plates of 10 x 10 mm and so many mm thick, side by side, tilted against the grid."""
+    plates = [trimesh.creation.box([10, 10, t]).apply_translation([0, 0, 3 * k]) for k, t in enumerate(thicknesses)]
+    turned = trimesh.util.concatenate(plates).apply_transform(trimesh.transformations.euler_matrix(0.4, 0.7, 1.1))
+    mesh = load_mesh(turned)
+    grid = make_grid(mesh.bounds, resolution)
+    return mesh, grid
+
+
+def test_thickness_is_measured_along_normals(device):
+    mesh, grid = comb(0.1, 0.05, 2.0)
+    found = sample_surface(device, grid, mesh).thickness * grid.h
+    thin, shares = found[np.isfinite(found)], thin_shares(found / grid.h)
+    np.testing.assert_allclose(np.minimum(abs(thin - 0.1), abs(thin - 0.05)), 0, atol=1e-4)
+    area = [200 + 40 * t for t in (0.1, 0.05, 2.0)]
+    assert shares["cell"] == pytest.approx(400 / sum(area), abs=0.05)
+    assert unresolved(found / grid.h, grid.h, 64).startswith(f"{100 * shares['cell']:.3g} % of the surface")
+
+
+@pytest.mark.parametrize("thicknesses", [(2.0,), (2.0, 1.0)])
+def test_what_is_thicker_than_cells_is_resolved(device, thicknesses):
+    mesh, grid = comb(*thicknesses)
+    samples = sample_surface(device, grid, mesh)
+    assert unresolved(samples.thickness, grid.h, 64) == ""
+
+
+def test_the_resolution_advised_resolves(device):
+    mesh, grid = comb(0.1, 2.0, resolution=32)
+    text = unresolved(sample_surface(device, grid, mesh).thickness, grid.h, 32)
+    assert "half of one, which turn out dark" in text
+    advised = int(text.split("resolution ")[1].split()[0])
+    grid = make_grid(mesh.bounds, advised)
+    assert unresolved(sample_surface(device, grid, mesh).thickness, grid.h, advised) == ""
+
+
+def test_sheets_without_thickness_get_no_resolution():
+    assert unresolved(np.zeros(100), 0.1, 128).endswith("they need to be thicker")
+
+
+def test_thin_parts_warn_and_are_reported():
+    mesh, _ = comb(0.1, 2.0)
+    with pytest.warns(ResolutionWarning, match="resolution"):
+        result = simulate(mesh, material("marble"), [DirectionalLight((0, 0, -1))], resolution=32)
+    assert result.report["octree"]["thinner_than"]["half_a_cell"] > 0.3
