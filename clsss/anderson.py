@@ -12,11 +12,12 @@ Walker and Ni 2011, "Anderson acceleration for fixed-point iterations".
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
 
-from clsss.device import Device
+from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, channels
 
 DEPTH = 3  # cycles that are looked back on, as in kernels/anderson.cl
@@ -36,9 +37,24 @@ def inner_product(device: Device, x: Field, y: Field) -> np.ndarray:
     return partial.get()[:, :3].astype(float).sum(axis=0)
 
 
+class Coupling(Protocol):
+    """How a follower takes part in V-cycles."""
+
+    level: int  # that it is solved together with
+
+    def respond(self, solve: Callable[[], None], r: Field, e: Field) -> None:
+        """Enqueue the solve of that level, of which `solve` is a V-cycle."""
+
+    def let_in(self, k: int, r: Buffer) -> None:
+        """Enqueue to add what has moved to the right-hand side of a finer level `k`."""
+
+
 class Follower(Protocol):
     """A part of the right-hand side that follows the solution, with a state of its own."""
 
+    @property
+    def coupling(self) -> Coupling:
+        """Its part in V-cycles."""
     state: np.ndarray  # (p, 3), affine in the solution
 
     def update(self) -> float:

@@ -51,8 +51,6 @@ class Exchange:
         H and H_t per B.
     gain : float
         4 / (1 - R_phi): what H_t adds to the fluence at the boundary.
-    nearness : (p,) float64
-        Mean of 1 / distance over the light that arrives [1/mm], 0 where none does.
     rays : int
         Rays traced.
     seconds : float
@@ -63,7 +61,6 @@ class Exchange:
     arriving: sparse.csr_matrix
     entering: sparse.csr_matrix
     gain: float
-    nearness: np.ndarray
     rays: int
     seconds: float
 
@@ -89,9 +86,14 @@ def _lambertian(eta: float) -> float:
     return float((weight * nodes * _shape(nodes, eta)).sum())
 
 
+def patch_depth(octree: Octree) -> int:
+    """How many levels above the finest cells are as wide as patches."""
+    return max(1, round(np.log2(max(octree.grid.dims) / PATCHES)))
+
+
 def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np.ndarray, sparse.csr_matrix]:
     """Cut cells of one ancestor whose normals share their main axis, and their area-weighted mean."""
-    depth = max(1, round(np.log2(max(octree.grid.dims) / PATCHES)))
+    depth = patch_depth(octree)
     coarse = octree.finest.ijk[octree.cut.cell.get()].astype(np.int64) >> depth
     axis = np.abs(normals).argmax(axis=1)
     side = normals[np.arange(len(normals)), axis] > 0
@@ -220,10 +222,7 @@ def trace_exchange(octree: Octree, eta: float, blockers: RayCaster | None = None
             arriving.append(flow)
             entering.append(flow * fresnel_transmittance(mu_in, eta))
     where = (np.concatenate(rows), np.concatenate(columns))
-    centres, flow = share @ tracer.points, np.concatenate(arriving)
-    apart = np.maximum(np.linalg.norm(centres[where[0]] - centres[where[1]], axis=1), octree.grid.h)
-    nearness = np.bincount(where[0], flow / apart, n) / np.maximum(np.bincount(where[0], flow, n), 1e-300)
     gain = 4 / (1 - fresnel_moments(eta)[0])
     H, H_t = (sparse.coo_matrix((np.concatenate(v), where), shape=(n, n)).tocsr() for v in (arriving, entering))
     blend = _blend(share, tracer.points, normals)
-    return Exchange(share, blend, H, H_t, gain, nearness, tracer.rays, time.perf_counter() - start)
+    return Exchange(share, blend, H, H_t, gain, tracer.rays, time.perf_counter() - start)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from clsss.anderson import Anderson, Follower, inner_product
+from clsss.anderson import Anderson, Coupling, Follower, inner_product
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, Operator, channels
 from clsss.residual import Residual
@@ -92,6 +92,7 @@ class Multigrid:
         self._inverse = self._invert_coarsest()
         # of the last solve: kernels of one scene are the same for all
         self._cycle: Callable[[], None] | None = None
+        self._coupling: Coupling | None = None
         self._take_residual: Callable[[], None] | None = None
 
     def _invert_coarsest(self) -> Buffer:
@@ -145,8 +146,11 @@ class Multigrid:
         run(leave, red, red, fine.nbr, *op.two_point(k), self.r[k], *junctions, self.e[k])
         run(self._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, coarse.chain, self.e[k], self.r[k - 1])
 
-    def v_cycle(self, k: int) -> None:
-        """One V-cycle from level `k` down: `e` approximates the correction for the right-hand sides `r`."""
+    def v_cycle(self, k: int, coupling: Coupling | None = None) -> None:
+        """One V-cycle from level `k` down: `e` approximates the correction for the right-hand sides `r`.
+
+        A `coupling` takes part on its level and those finer than it.
+        """
         levels, op, run = self.op.octree.levels, self.op, self.device.run
         if k == 0:
             n = levels[0].n
@@ -160,7 +164,12 @@ class Multigrid:
         run(self._reflux, m, m, fine.n, coarse.interface, coarse.interface_start, fine.ghost_face,
             op.T[k].row, op.T[k].values, self.e[k], self.r[k - 1])  # fmt: skip
         self.restrict(k)
-        self.v_cycle(k - 1)
+        if coupling and coupling.level == k - 1:
+            coupling.respond(lambda: self.v_cycle(k - 1), self.r, self.e)
+        else:
+            self.v_cycle(k - 1, coupling)
+        if coupling:
+            coupling.let_in(k, self.r[k])
         run(self._ghosts, fine.n_ghost, fine.n_ghost, fine.n, fine.parent, self.e[k - 1], self.e[k])
         # red cells are overwritten next
         run(self._prolong, end - black, black, end - black, fine.position, fine.nbr, fine.parent, op.weight[k],
@@ -182,9 +191,9 @@ class Multigrid:
               follower: Follower | None = None) -> Convergence:  # fmt: skip
         """Solve A_h phi = b, starting from `phi`.
 
-        Where the plain cycle is slower than `SLOW`, and always with a follower, cycles are combined so that the
-        residual is least (`Anderson`). Where rounding `phi` would leave more than the tolerance, the solve goes on
-        from a solution that it no longer changes (`Held`); the residuals told are then those before the last rounding.
+        Where the plain cycle is slower than `SLOW`, cycles are combined so that the residual is least (`Anderson`).
+        Where rounding `phi` would leave more than the tolerance, the solve goes on from a solution that it no longer
+        changes (`Held`); the residuals told are then those before the last rounding.
 
         Parameters
         ----------
@@ -211,8 +220,10 @@ class Multigrid:
         r, capture, top = self.r, self.device.capture, len(self.e) - 1
         self._take_residual = capture(lambda: self.residual(phi, b, r))
         adjust = capture(lambda: follower.adjust(r)) if follower else None
-        self._cycle = self._cycle or capture(lambda: self.v_cycle(top))
-        anderson = Anderson(self.device, phi, r, follower) if follower else None
+        coupling = follower.coupling if follower else None
+        if self._cycle is None or self._coupling is not coupling:
+            self._cycle, self._coupling = capture(lambda: self.v_cycle(top, coupling)), coupling
+        anderson: Anderson | None = None
         held: Held | None = None
         undecided = True
         residuals: list[np.ndarray] = []
@@ -242,7 +253,7 @@ class Multigrid:
                     if adjust:
                         adjust()
             if anderson is None and len(history) > 2 and history[-1] > SLOW * history[-2]:
-                anderson = Anderson(self.device, phi, r, None)
+                anderson = Anderson(self.device, phi, r, follower)
             if anderson:
                 anderson.combine()
             self._cycle()

@@ -27,19 +27,3 @@ __kernel void sparse_product(const int n, const int added, const REAL scale, MAT
         for (int k = first; k < end; k++) sum += spread(number[k]) * x[wide[k]];
     y[i] = scale * (unit ? unit[i] : (REAL)1 / PARTS) * sum + (added ? z[i] : (REAL4)(0));
 }
-
-/* y = next + albedo A (x - last): B after one more passage, if each patch gives back `albedo` of what arrives anew. */
-// cost anticipate: 69R+28 B, 76 flop
-__kernel void anticipate(const int n, MATRIX, __global const REAL4 *restrict albedo, __global const REAL4 *restrict last,
-                         __global const REAL4 *restrict next, __global const REAL4 *restrict x,
-                         __global REAL4 *restrict y) {
-    const int i = get_global_id(0);
-    if (i >= n) return;
-    const int first = start ? start[i] : i * width, end = start ? start[i + 1] : first + width;
-    REAL4 sum = (REAL4)(0);
-    for (int k = first; k < end; k++) {
-        const int j = narrow ? narrow[k] : wide[k];
-        sum += spread(number[k]) * (x[j] - last[j]);
-    }
-    y[i] = next[i] + albedo[i] * (unit ? unit[i] : (REAL)1 / PARTS) * sum;
-}

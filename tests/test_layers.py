@@ -45,6 +45,7 @@ LAYERS = {
     3.2: ["rounding"],
     4: ["arguments", "multigrid", "surface"],
     4.1: ["exchange", "single"],
+    4.15: ["interreflection"],
     4.2: ["lighting"],
     4.3: ["report"],
     5: ["simulate"],

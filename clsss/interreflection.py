@@ -1,0 +1,282 @@
+"""What parts of the surface send to one another while a solve goes on: B <- J.n + F B (exchange.py).
+
+J.n answers to the light that enters, so both are found together: within each V-cycle the level of cells as wide as
+patches is solved a few times, each time with what the patches have sent one another since. There a passage costs a
+small part of a cycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from clsss.device import Buffer, Device
+from clsss.diffusion import CHANNELS, Field, Operator, channels
+from clsss.exchange import Exchange, patch_depth
+from clsss.residual import Residual
+from clsss.source import Source, subtract_moment
+from clsss.sparsematrix import SparseMatrix
+
+PASSAGES = 3  # of light between parts of the surface, within each cycle
+
+
+def boundary_flux(residual: Residual, phi: Field, moment: Buffer) -> np.ndarray:
+    """J.n (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
+    phi_B = residual.device.empty(moment.shape)
+    residual.take_boundary_value(phi, moment, phi_B)
+    return phi_B.get()[:, :3].astype(float) / (2 * residual.op.medium.fresnel_A)
+
+
+class Above(NamedTuple):
+    """The boundary, as seen from the n_above cells of a level that lie over cut ones.
+
+    Attributes
+    ----------
+    cell : (n_above,) int
+    leaving : (n_above, 3) float64
+        J.n per fluence of the cell.
+    entering : (n_above, 3) float64
+        What the cell gets, in the operator's scale, per fluence that entering light adds at the boundary.
+    share : (p, n_above) sparse
+        Area-weighted mean over the cells that each patch touches.
+    blend : (n_above, p) sparse
+        The like over the patches in each cell.
+    """
+
+    cell: np.ndarray
+    leaving: np.ndarray
+    entering: np.ndarray
+    share: sparse.csr_matrix
+    blend: sparse.csr_matrix
+
+
+class Boundary:
+    """Conductances C = A_B / (2A + d/D) of the cut cells, one linear profile from each centroid to the surface.
+
+    Attributes
+    ----------
+    area : (n_cut, 1) float64
+        [mm^2]
+    per_area : (n_cut, 3) float64
+        J.n per fluence.
+    """
+
+    def __init__(self, op: Operator):
+        octree, medium, cut = op.octree, op.medium, op.octree.cut
+        self.op, self._cut_cell = op, cut.cell.get()
+        x, x_B, n = (values.get()[:, :3].astype(float) for values in (cut.centroid, cut.boundary, cut.normal))
+        n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+        depth = octree.grid.h * np.maximum(((x_B - x) * n).sum(axis=1, keepdims=True), 0.1)
+        D = np.array(medium.D[-1].tolist()) if medium.homogeneous else medium.D[-1].get()[self._cut_cell].astype(float)
+        self.area = cut.boundary.get()[:, 3:].astype(float) * octree.grid.h**2
+        self.per_area = 1 / (2 * medium.fresnel_A + depth / D[..., :3])
+        self._scaled = self.per_area / D[..., :3] if medium.homogeneous else self.per_area
+
+    def above(self, exchange: Exchange, depth: int) -> list[Above]:
+        """The same for the `depth` levels above the finest, from the finest of them.
+
+        Fluence lets out there what the level's absorption holds: less than the sum, by the weights of pinning.h.
+        """
+        op, over, found = self.op, self._cut_cell, []
+        whole = op.absorb[-1].get()[:, :3].astype(float)
+        of_patch = exchange.share.copy()
+        of_patch.data[:] = 1
+        for k in range(len(op.absorb) - 2, len(op.absorb) - 2 - depth, -1):
+            absorb, parent = op.absorb[k].get()[:, :3].astype(float), op.octree.levels[k + 1].parent
+            assert parent is not None
+            parents = parent.get()[: len(whole)]
+            over, summed = parents[over], np.zeros_like(absorb)
+            np.add.at(summed, parents, whole)
+            whole = np.where(op.octree.levels[k].leaf[:, None], absorb, summed)
+            cell, above = np.unique(over, return_inverse=True)
+            gather = sparse.csr_matrix((np.ones(len(above)), (above, np.arange(len(above)))))
+            total = np.maximum(gather @ self.area, 1e-300)
+            held = absorb[cell] / np.maximum(whole[cell], 1e-300)
+            leaving = held * (gather @ (self.area * self.per_area)) / total
+            blend = sparse.diags(1 / total[:, 0]) @ gather @ sparse.diags(self.area[:, 0]) @ of_patch.T
+            found.append(Above(cell, leaving, gather @ (self.area * self._scaled), (exchange.share @ gather.T).tocsr(),
+                               blend.tocsr()))  # fmt: skip
+        return found
+
+
+class Coupling:
+    """What an exchange does within the V-cycles of an operator (a `multigrid.Coupling`), and its state.
+
+    Parameters
+    ----------
+    device : Device
+    op : Operator
+    exchange : Exchange
+
+    Attributes
+    ----------
+    level : int
+        The level that is solved together with the light on its way, of cells as wide as patches.
+    B : (p, 4) real, device
+        All light that leaves each patch.
+    change : (p, 4) real, device
+        How far the last step moved it.
+    """
+
+    def __init__(self, device: Device, op: Operator, exchange: Exchange):
+        self.device, self.op, self.exchange = device, op, exchange
+        levels, boundary = op.octree.levels, Boundary(op)
+        self.level = max(0, len(levels) - 1 - patch_depth(op.octree))
+        above = boundary.above(exchange, len(levels) - 1 - self.level)
+        self._share, self._blend = SparseMatrix(device, exchange.share), SparseMatrix(device, exchange.blend)
+        self._arriving = SparseMatrix(device, exchange.arriving)
+        self._entering = SparseMatrix(device, exchange.entering)
+        self._giving = device.array(channels(exchange.gain * (exchange.share @ boundary.per_area)))
+        self._above = {
+            k: (device.array(seen.cell.astype(np.int32)), device.array(channels(exchange.gain * seen.entering)),
+                SparseMatrix(device, seen.blend), device.empty((len(seen.cell), CHANNELS)))
+            for k, seen in zip(range(len(levels) - 2, self.level - 1, -1), above, strict=True)
+        }  # fmt: skip
+        self._leaving = device.array(channels(above[-1].leaving))
+        self._share_above = SparseMatrix(device, above[-1].share)
+        p = exchange.share.shape[0]
+        self.B, self.change = device.zeros((p, CHANNELS)), device.zeros((p, CHANNELS))
+        self._at_once, self._more, self._next, self._sum, self._entered = (
+            device.empty((p, CHANNELS)) for _ in range(5)
+        )
+        # what solving `level` changes of right-hand sides: at its cells over cut ones, at leaves next to finer cells
+        cells = [*(level.interface for level in levels[: self.level]), self._above[self.level][0]]
+        self._changed = [(k, at, device.empty((at.shape[0], CHANNELS))) for k, at in enumerate(cells) if at.shape[0]]
+        self._moment = device.empty((op.octree.cut.n, CHANNELS))
+        self._gather, self._scatter, self._leave, self._enter, self._subtract = (
+            device.kernel("passage", name) for name in ("gather", "scatter", "leave", "enter", "subtract_scaled")
+        )
+        self._combination = device.kernel("reduce", "combine")
+
+    def boundary_moment(self, plus: Buffer | None = None) -> Buffer:
+        """First moment (n_cut, 4) at the boundary of all light that enters, and of `plus`."""
+        self._entering.multiply(1, self.B, self._entered)
+        return self._moment_of_entered(plus)
+
+    def _moment_of_entered(self, plus: Buffer | None = None) -> Buffer:
+        self._blend.multiply(-self.exchange.gain, self._entered, self._moment, plus)
+        return self._moment
+
+    def step(self, phi_B: Buffer, held: Buffer) -> None:
+        """B <- J.n + F B, for fluence (n_cut, 4) at the boundary, and J.n (p, 4) of what is `held`."""
+        self._arriving.multiply(1, self.B, self._next, held)
+        self._share.multiply(1 / (2 * self.op.medium.fresnel_A), phi_B, self._sum, self._next)
+        self.change.copy_from(self.B)
+        self._combine(1, self._sum, -1, self.change)
+        self.B.copy_from(self._sum)
+
+    def _combine(self, a: float, x: Buffer, b: float, y: Buffer) -> None:
+        """Overwrite y with a x + b y, (p, 4) each."""
+        p, scale = self.B.shape[0], [self.device.vector([v] * CHANNELS) for v in (a, b)]
+        self.device.run(self._combination, p, p, *scale, x, y)
+
+    def respond(self, solve: Callable[[], None], r: Field, e: Field) -> None:
+        """Enqueue the solve of `level`, of which `solve` is a V-cycle, together with the light on its way."""
+        run, k, p = self.device.run, self.level, self.B.shape[0]
+        cell, _, _, at = self._above[k]
+        m = cell.shape[0]
+        for j, cells, kept in self._changed:
+            run(self._gather, cells.shape[0], cells.shape[0], cells, r[j], kept)
+        self._entering.multiply(1, self.change, self._entered)
+        self._arriving.multiply(1, self.change, self._next)
+        run(self._subtract, p, p, self._giving, self._entered, self._next, self._at_once)
+        self._more.fill(0)
+        self._entered.fill(0)
+        for passage in range(PASSAGES):
+            if passage:
+                for j, cells, kept in self._changed:
+                    run(self._scatter, cells.shape[0], cells.shape[0], cells, kept, r[j])
+                self.let_in(k, r[k])
+            solve()
+            run(self._leave, m, m, cell, self._leaving, e[k], at)
+            self._share_above.multiply(1, at, self._next, self._at_once)
+            self._arriving.multiply(1, self._more, self._sum, self._next)
+            run(self._subtract, p, p, self._giving, self._entered, self._sum, self._more)
+            self._entering.multiply(1, self._more, self._entered)
+        self._combine(1, self._more, 1, self.B)
+
+    def let_in(self, k: int, r: Buffer) -> None:
+        """Enqueue to add what the light on its way brings level `k` to its right-hand side."""
+        if k not in self._above:
+            subtract_moment(self.device, self.op.octree, self.op.medium, self._moment_of_entered(), r)
+            return
+        cell, entering, blend, at = self._above[k]
+        blend.multiply(1, self._entered, at)
+        self.device.run(self._enter, cell.shape[0], cell.shape[0], cell, entering, at, r)
+
+
+class Interreflection:
+    """The exchange as a part of the right-hand side of one solve (a `Follower`).
+
+    Parameters
+    ----------
+    coupling : Coupling
+    residual : Residual
+        Its wall is the source's.
+    source : Source
+    phi : Field
+        The solution that it follows.
+    """
+
+    def __init__(self, coupling: Coupling, residual: Residual, source: Source, phi: Field):
+        self.coupling, self.residual, self.r_B = coupling, residual, source.moment
+        device = coupling.device
+        self._held, self._phi_B = device.zeros(coupling.B.shape), device.empty(self.r_B.shape)
+        coupling.B.fill(0)
+        self._update = device.capture(lambda: self._enqueue_update(phi))
+
+    @property
+    def state(self) -> np.ndarray:
+        """B of each patch, and how far the last step moved it (2 p, 3)."""
+        return np.concatenate([self.coupling.B.get(), self.coupling.change.get()])[:, :3].astype(float)
+
+    @state.setter
+    def state(self, values: np.ndarray) -> None:
+        self.coupling.B.set(channels(values[: len(values) // 2]))
+        self.coupling.change.set(channels(values[len(values) // 2 :]))
+
+    def _enqueue_update(self, phi: Field) -> None:
+        self.residual.take_boundary_value(phi, self.coupling.boundary_moment(self.r_B), self._phi_B)
+        self.coupling.step(self._phi_B, self._held)
+
+    def update(self) -> float:
+        """One step of the exchange; how far B moved, relative to its size."""
+        self._update()
+        B, change = np.split(self.state, 2)
+        size = np.linalg.norm(B, axis=0)
+        return float((np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1)).max())
+
+    def adjust(self, residual: Field) -> None:
+        """Add C_B gain H_t to the residual of the cut cells."""
+        op = self.coupling.op
+        subtract_moment(self.coupling.device, op.octree, op.medium, self.coupling.boundary_moment(), residual[-1])
+
+    def hold(self, phi: Field) -> None:
+        """From now on count the solution from a complete `phi`."""
+        flux = boundary_flux(self.residual, phi, self.r_B)
+        self._held.set(channels(self.coupling.exchange.share @ flux))
+        self._set_aside = self.r_B.get()
+        self.r_B.fill(0)
+
+    def release(self) -> None:
+        """Count from zero again."""
+        self._held.fill(0)
+        self.r_B.set(self._set_aside)
+
+    def start_from(self, B: np.ndarray) -> None:
+        """Begin with what leaves each patch (p, 3) of another solution."""
+        self.coupling.B.set(channels(B))
+
+    def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
+        """J.n and H_t (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
+        exchange = self.coupling.exchange
+        flux = boundary_flux(self.residual, phi, self.coupling.boundary_moment(self.r_B))
+        return flux, exchange.blend @ (exchange.entering @ self.leaving)
+
+    @property
+    def leaving(self) -> np.ndarray:
+        """B of each patch (p, 3)."""
+        return self.coupling.B.get()[:, :3].astype(float)
