@@ -18,7 +18,7 @@ from scipy.sparse import csgraph
 
 STEP = [(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)]
 LOOSE = np.array([-1, -1, 0, 1, 2, 4, 5, 7, 9])  # most open faces inside a block of so many cells in two parts
-DENSE = 256  # cells of the coarsest level, whose inverse is dense, above which its blocks stay whole
+DENSE = 64  # most cells of the coarsest level, whose inverse is dense
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +54,15 @@ class Cells:
     shares: np.ndarray
 
 
+def ordered(mask: np.ndarray) -> tuple[np.ndarray, tuple[int, int, int]]:
+    """Cells (n, 3) of a mask by colour, then z, y, x."""
+    z, y, x = np.nonzero(mask)
+    ijk = np.stack([x, y, z], axis=1).astype(np.int32)
+    black = (ijk.sum(axis=1) & 1).astype(bool)
+    n_red = int((~black).sum())
+    return np.concatenate([ijk[~black], ijk[black]]), (0, n_red, len(ijk))
+
+
 def index_map(shape: tuple[int, ...], ijk: np.ndarray) -> np.ndarray:
     """Dense map from position to index, padded by one cell of -1 on every side."""
     out = np.full([n + 2 for n in shape], -1, np.int32)
@@ -76,7 +85,7 @@ def finest_cells(ijk: np.ndarray, colour_start: tuple[int, int, int], nbr: np.nd
 
 
 def coarsen(fine: Cells, shape: tuple[int, ...], ijk: np.ndarray, leaf: np.ndarray, n_red: int,
-            coarsest: bool) -> tuple[Cells, np.ndarray]:  # fmt: skip
+            whole: bool = False) -> tuple[Cells, np.ndarray]:  # fmt: skip
     """The next coarser level.
 
     Parameters
@@ -86,8 +95,8 @@ def coarsen(fine: Cells, shape: tuple[int, ...], ijk: np.ndarray, leaf: np.ndarr
         Size of the coarse grid (z, y, x).
     ijk, leaf, n_red : arrays (n, 3), (n,), int
         Positions of the coarse level, the red ones first, and which of them no finer cells replace.
-    coarsest : bool
-        Whether there is no coarser level.
+    whole : bool
+        Whether blocks stay one cell each, whatever parts they have.
 
     Returns
     -------
@@ -99,7 +108,7 @@ def coarsen(fine: Cells, shape: tuple[int, ...], ijk: np.ndarray, leaf: np.ndarr
     x, y, z = (fine.ijk >> 1).T + 1
     parent = index[z, y, x]
     parent, block = _split(fine, parent, n)
-    if coarsest and n + len(block) > DENSE:
+    if whole:
         parent, block = np.append(np.arange(n), block).astype(np.int32)[parent], block[:0]
     order = np.argsort(np.append(np.arange(n), block), kind="stable")
     rank = np.empty(len(order), np.int32)
@@ -115,6 +124,18 @@ def coarsen(fine: Cells, shape: tuple[int, ...], ijk: np.ndarray, leaf: np.ndarr
     nbr, more = _link(fine, parent, surface, leaf, _by_position(ijk, index))
     start = (0, n_red + int((block < n_red).sum()), len(order))
     return Cells(ijk, leaf, start, index, nbr, more, surface, shares[order]), parent
+
+
+def coarsen_further(fine: Cells) -> tuple[Cells, np.ndarray]:
+    """A level without leaves over what was the coarsest, as `coarsen`; of whole blocks if their parts are no fewer."""
+    block = fine.ijk >> 1
+    mask = np.zeros(block.max(axis=0)[::-1] + 1, bool)
+    mask[tuple(block.T[::-1])] = True
+    ijk, (_, n_red, n) = ordered(mask)
+    coarse, parent = coarsen(fine, mask.shape, ijk, np.zeros(n, bool), n_red)
+    if len(coarse.ijk) == len(fine.ijk):
+        coarse, parent = coarsen(fine, mask.shape, ijk, np.zeros(n, bool), n_red, whole=True)
+    return coarse, parent
 
 
 def _split(fine: Cells, parent: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from clsss.coarsening import STEP, Cells, coarsen, finest_cells, first_children
+from clsss.coarsening import DENSE, STEP, Cells, coarsen, coarsen_further, finest_cells, first_children, ordered
 from clsss.cutcell import CutCells, Grid, Samples, cut_moments
 from clsss.device import Buffer, Device
 from clsss.leafmap import clearance_map, empty_map, write_leaves
@@ -165,15 +165,6 @@ class Octree:
         return sum(int(level.leaf.sum()) for level in self.levels)
 
 
-def _ordered(mask: np.ndarray) -> tuple[np.ndarray, tuple[int, int, int]]:
-    """Cells (n, 3) of a mask by colour, then z, y, x."""
-    z, y, x = np.nonzero(mask)
-    ijk = np.stack([x, y, z], axis=1).astype(np.int32)
-    black = (ijk.sum(axis=1) & 1).astype(bool)
-    n_red = int((~black).sum())
-    return np.concatenate([ijk[~black], ijk[black]]), (0, n_red, len(ijk))
-
-
 def _find_coarser(cells: Cells, coarser: Cells) -> None:
     """Set missing neighbours to -2 - index where a leaf of the next coarser level is there."""
     assert coarser.index is not None
@@ -256,7 +247,7 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
         has.insert(0, pool(has[0]))
     split = split_masks(grid, has, is_cut, refine) if refine else [mask.copy() for mask in has[:-1]]
     exists = [has[0]] + [h & spread(s, h.shape) for h, s in zip(has[1:], split, strict=True)]
-    positions, colour_start = zip(*[_ordered(mask) for mask in exists], strict=True)
+    positions, colour_start = zip(*[ordered(mask) for mask in exists], strict=True)
     leaf = [~s[c[:, 2], c[:, 1], c[:, 0]] for s, c in zip(split, positions[:-1], strict=True)]
     leaf.append(np.ones(len(positions[-1]), bool))
     block, brick = empty_map(grid, positions, leaf)
@@ -270,11 +261,13 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     cells = [finest_cells(positions[-1], colour_start[-1], nbr.get(), cut.cell.get(), cut.aperture.get())]
     parents: list[np.ndarray] = []
     for number in range(len(positions) - 2, -1, -1):
-        coarse, parent = coarsen(
-            cells[0], has[number].shape, positions[number], leaf[number], colour_start[number][1], number == 0
-        )
+        coarse, parent = coarsen(cells[0], has[number].shape, positions[number], leaf[number], colour_start[number][1])
         _find_coarser(cells[0], coarse)
         write_leaves(block, brick, len(positions) - 1 - number, coarse.ijk, coarse.leaf)
+        cells.insert(0, coarse)
+        parents.insert(0, parent)
+    while len(cells[0].ijk) > DENSE:
+        coarse, parent = coarsen_further(cells[0])
         cells.insert(0, coarse)
         parents.insert(0, parent)
     block_buffer.set(block.ravel())

@@ -151,6 +151,14 @@ def test_only_bodies_that_come_close_split_blocks(single):
     assert any(level.chain.shape[0] for level in tree.levels)
 
 
+def test_levels_go_on_where_splitting_leaves_many_cells(single):
+    tree = build_tree(single, stack(), 96)
+    assert max(np.ptp(tree.levels[1].ijk, axis=0)) < 4
+    assert tree.levels[1].n > DENSE >= tree.levels[0].n
+    test_coarse_cells_are_the_connected_parts_of_their_blocks(tree)
+    test_coarse_neighbours_are_those_behind_open_finer_faces(tree)
+
+
 def test_many_specks_share_cells_of_the_coarsest_level(single):
     """Its inverse is dense."""
     at = np.stack(np.meshgrid(*[np.arange(-9, 10, 2.0)] * 3), axis=-1).reshape(-1, 3)
@@ -281,8 +289,7 @@ def test_separate_bodies_keep_their_leaves(single):
 
 def test_coarsest_level_is_small(tree):
     """Its dense inverse has to stay cheap."""
-    level = tree.levels[0]
-    assert level.n <= (DENSE if is_split(level) else 64)
+    assert tree.levels[0].n <= DENSE == 64
 
 
 def test_points_are_inside_their_cells(tree):
