@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clsss.anderson import TILE
+from clsss.sums import TILE
 
 Arguments = dict[str, Any]
 SPARE = [0, 1, 2, 2]  # the fourth channel repeats the third
@@ -121,10 +121,17 @@ def combine(a: Arguments) -> Arguments:
     return {"y": _vector(a["a"]) * a["x"] + _vector(a["b"]) * a["y"]}
 
 
+def _partial_sums(a: Arguments, terms: np.ndarray) -> Arguments:
+    padded = np.concatenate([terms, np.zeros((-a["n"] % TILE, 4))])
+    return {"partial": padded.reshape(len(a["partial"]), TILE, 4).sum(axis=1)}
+
+
 def inner_product(a: Arguments) -> Arguments:
-    n, partial, terms = a["n"], a["partial"], a["x"] * a["y"]
-    padded = np.concatenate([terms, np.zeros((-n % TILE, 4))])
-    return {"partial": padded.reshape(len(partial), TILE, 4).sum(axis=1)}
+    return _partial_sums(a, a["x"] * a["y"])
+
+
+def total(a: Arguments) -> Arguments:
+    return _partial_sums(a, a["x"])
 
 
 def solve_coarsest(a: Arguments) -> Arguments:
@@ -137,7 +144,7 @@ MODELS = {
     model.__name__: model
     for model in (
         smooth, smooth_from_zero, residual, residual_of_leaves, reflux, leave_residual, restrict_residual, average,
-        prolong, copy_ghosts, combine, inner_product, solve_coarsest,
+        prolong, copy_ghosts, combine, inner_product, total, solve_coarsest,
     )
 }  # fmt: skip
 

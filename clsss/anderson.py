@@ -19,22 +19,9 @@ import numpy as np
 
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, channels
+from clsss.sums import GROUP, inner_product, sum_of_parts, tiles
 
 DEPTH = 3  # cycles that are looked back on, as in kernels/anderson.cl
-TILE, GROUP = 4096, 64  # cells and work-items of a partial sum, as in kernels/tile.h
-
-
-def tiles(n: int) -> int:
-    """Number of partial sums over `n` cells."""
-    return -(-n // TILE)
-
-
-def inner_product(device: Device, x: Field, y: Field) -> np.ndarray:
-    """Sum over all cells of x y, by colour channel (3,)."""
-    n = x.whole.shape[0]
-    partial = device.empty((tiles(n), CHANNELS))
-    device.run(device.kernel("reduce", "inner_product"), GROUP * tiles(n), n, x.whole, y.whole, partial, group=GROUP)
-    return partial.get()[:, :3].astype(float).sum(axis=0)
 
 
 class Coupling(Protocol):
@@ -104,7 +91,7 @@ class Anderson:
         partial = self.device.empty((count, 7, CHANNELS))
         self.device.run(self.device.kernel("anderson", "change_products"), GROUP * count, self._n, self.residual.whole,
                         second, third, first, partial, group=GROUP)  # fmt: skip
-        sums = partial.get()[:, :, :3].astype(float).sum(axis=0)
+        sums = sum_of_parts(partial)
         slots = self._latest(list(range(DEPTH)))
         self._right[:, slots] = sums[:3].T
         self._gram[:, slots[0], slots] = self._gram[:, slots, slots[0]] = sums[3:6].T

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import os
 import time
-import weakref
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # PoCL and GPU drivers cache builds themselves
+PREPARED = 1024  # kernels with their numbers that are kept; each takes the host a millisecond to make
 ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
 
 
@@ -145,7 +146,7 @@ class Device:
         self._programs: dict[tuple[str, tuple[str, ...]], Any] = {}
         self._kernels: dict[tuple[str, str, tuple[str, ...]], Any] = {}
         self._captured: list[Callable[[Any], Any]] | None = None
-        self._prepared: weakref.WeakValueDictionary[Any, Prepared] = weakref.WeakValueDictionary()
+        self._prepared: OrderedDict[Any, Prepared] = OrderedDict()  # the last ones, for when a scene is lit anew
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
         import pyopencl as cl
@@ -215,8 +216,10 @@ class Device:
             return
         numbers = [(i, a) for i, a in enumerate(converted) if isinstance(a, (np.generic, np.ndarray))]
         key = (kernel, *((i, a.tobytes()) for i, a in numbers))
-        prepared = self._prepared.get(key) or Prepared(kernel, numbers)
+        prepared = self._prepared.pop(key, None) or Prepared(kernel, numbers)
         self._prepared[key] = prepared
+        if len(self._prepared) > PREPARED:
+            self._prepared.popitem(last=False)
         buffers = [(i, a) for i, a in enumerate(converted) if not isinstance(a, (np.generic, np.ndarray))]
         self._captured.append(Launch(prepared, size, group, buffers))
 

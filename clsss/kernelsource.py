@@ -14,7 +14,7 @@ _TOGETHER = (
     ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
      "exchange", "surface"),
     ("coefficients", "around", "gradient", "correct", "smooth", "residual", "restrict", "junction", "source", "moment",
-     "layer", "attenuate"),
+     "layer", "attenuate", "entering"),
 )  # fmt: skip
 
 

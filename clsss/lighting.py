@@ -78,8 +78,9 @@ class Solution:
         The part of the exitance that was scattered once, where it is traced.
     leaving : (p, 3) float64
         B of each patch of the exchange.
-    moment : (n_cut, 3) float64
-        First moment at the boundary of all its sources, light from other parts of the surface included.
+    moment : (n_cut, 3) float64, or None
+        First moment at the boundary of all its sources, light from other parts of the surface included, where the
+        books of a fitted layer need it.
     source : Source
     convergence : Convergence
     """
@@ -91,7 +92,7 @@ class Solution:
     fluence: np.ndarray
     once: np.ndarray | None
     leaving: np.ndarray
-    moment: np.ndarray
+    moment: np.ndarray | None
     source: Source
     convergence: Convergence
 
@@ -143,7 +144,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     gain = 4 / (1 - fresnel_moments(medium.eta)[0])
     exitance, fluence = flux + entering, 2 * medium.fresnel_A * flux + gain * (entering + kept)
     leaving = follower.leaving if follower else np.zeros((0, 3))
-    moment = source.moment.get()[:, :3] - gain * entering
+    moment = source.moment.get()[:, :3] - gain * entering if scene.layer else None
     return Solution(unit, phi, flux, exitance, fluence, once, leaving, moment, source, convergence)
 
 

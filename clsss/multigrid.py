@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from clsss.anderson import Anderson, Coupling, Follower, inner_product
+from clsss.anderson import Anderson, Coupling, Follower
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, Operator, channels
 from clsss.residual import Residual
 from clsss.rounding import Held, rounding_gain
+from clsss.sums import inner_product
 
 SWEEPS = 2  # before and after the coarser level, on the finest
 COARSE_SWEEPS = 3  # on the others: little work, and what they leave undone adds up from level to level

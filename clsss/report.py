@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from clsss import __version__
+from clsss.kept import kept
 from clsss.lighting import Scene, Solution
+from clsss.octree import Octree
 from clsss.validity import thin_shares
 
 
@@ -58,15 +60,27 @@ def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict
     }
 
 
+@kept
+def _leaf_volumes(tree: Octree) -> list[np.ndarray]:
+    """Volume inside the object (n,) of the leaves of each level, zero of other cells [mm^3]."""
+    return [volume * level.leaf for level, volume in zip(tree.levels, tree.volumes(), strict=True)]
+
+
 def _absorbed(scene: Scene, solution: Solution) -> np.ndarray:
     """Power absorbed (3,), in multiples of `unit`: by the cells, and in a fitted layer on the way from and to them."""
     tree, medium, layer = scene.octree, scene.medium, scene.layer
     absorbed = solution.source.lost / solution.unit
-    for level, x, volume, sigma_a in zip(tree.levels, solution.phi, tree.volumes(), medium.sigma_a, strict=True):
-        rate = np.array(sigma_a.tolist()) if medium.homogeneous else sigma_a.astype(float)
-        taking = layer.volume if layer and level is tree.finest else volume[:, None]
-        absorbed += (x.get()[: level.n, :3] * rate[..., :3] * taking * level.leaf[:, None]).sum(axis=0)
-    if layer:
+    for level, x, volume, sigma_a in zip(tree.levels, solution.phi, _leaf_volumes(tree), medium.sigma_a, strict=True):
+        values, rate = x.get()[: level.n, :3].astype(float), np.ones(3)
+        if medium.homogeneous:
+            rate = np.array(sigma_a.tolist())[:3]
+        else:
+            values *= sigma_a[:, :3]
+        if layer and level is tree.finest:
+            absorbed += rate * (layer.volume * values).sum(axis=0)
+        else:
+            absorbed += rate * (volume @ values)
+    if layer and solution.moment is not None:
         absorbed -= (layer.conductance * (layer.swell - 1) * solution.moment).sum(axis=0)
     return absorbed
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from clsss import bvh
+from clsss.beams import extinction, light_arguments, scattering
 from clsss.device import Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, channels, make_operator
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
@@ -30,7 +31,7 @@ from clsss.materials import fresnel_A, fresnel_moments, fresnel_reflectance
 from clsss.multigrid import Multigrid
 from clsss.octree import Octree
 from clsss.rays import RayCaster
-from clsss.source import Source, extinction, light_arguments, make_source, scattering, subtract_moment
+from clsss.source import Source, make_source, subtract_moment
 from clsss.surface import boundary_points, tangent_frame
 
 DEPTHS = 24  # points along a ray where the light may have scattered

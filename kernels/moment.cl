@@ -35,11 +35,11 @@ __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light,
     wall[c] += first;
 }
 
-/* Right-hand side in the operator's scale, b = Q, less C_B r_B at the boundary. */
+/* What cells receive becomes a right-hand side in the operator's scale. */
 // cost right_hand_side: 8R+1M B, 4 flop
-__kernel void right_hand_side(const int n, MEDIUM D, __global const REAL4 *restrict Q, __global REAL4 *restrict b) {
+__kernel void right_hand_side(const int n, MEDIUM D, __global REAL4 *restrict b) {
     const int i = get_global_id(0);
-    if (i < n) b[i] = SCALE(Q[i], AT(D, i));
+    if (i < n) b[i] = SCALE(b[i], AT(D, i));
 }
 
 // cost subtract_moment: 28R+2M+4 B, 20 flop

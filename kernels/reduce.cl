@@ -13,6 +13,15 @@ __kernel void inner_product(const int n, __global const REAL4 *restrict x, __glo
     sum_of_group(sum, part, partial + get_group_id(0));
 }
 
+/* Partial sums, one of each tile. */
+// cost total: 256R B, 256 flop
+__kernel void total(const int n, __global const REAL4 *restrict x, __global REAL4 *restrict partial) {
+    __local REAL4 part[GROUP];
+    REAL4 sum = (REAL4)(0);
+    for (int i = first_of_tile(); i < end_of_tile(n); i += GROUP) sum += x[i];
+    sum_of_group(sum, part, partial + get_group_id(0));
+}
+
 /* y = a x + b y */
 // cost combine: 12R B, 12 flop
 __kernel void combine(const int n, const REAL4 a, const REAL4 b, __global const REAL4 *restrict x,

@@ -12,7 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "clsss"
 LAYERS = {
-    -1: ["errors", "discovery", "capture", "kernelsource", "morton", "srgb"],
+    -1: ["errors", "discovery", "capture", "kernelsource", "morton", "srgb", "kept"],
     0: [
         "device",
         "materials",
@@ -41,7 +41,9 @@ LAYERS = {
     2.1: ["around", "inner", "rows", "jumps"],
     3: ["diffusion"],
     3.05: ["layer", "residual"],
-    3.1: ["source", "anderson"],
+    3.06: ["sums"],
+    3.1: ["beams", "anderson"],
+    3.15: ["source"],
     3.2: ["rounding"],
     4: ["arguments", "multigrid", "surface"],
     4.1: ["exchange", "single"],

@@ -19,12 +19,13 @@ from shapes import (
 )
 
 from clsss import analytic, diffusion
+from clsss.beams import Beams
 from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.materials import Material, fresnel_A, fresnel_transmittance
 from clsss.media import Mix
 from clsss.rays import RayCaster
-from clsss.source import Beams, light_unit, make_source
+from clsss.source import light_unit, make_source
 from clsss.surface import boundary_points
 
 TOP = 2.0  # of a slab 4 mm thick

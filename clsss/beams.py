@@ -1,0 +1,191 @@
+"""Beams of collimated lights through an octree: what reaches each cell of them, and what they deposit there.
+
+    F(x) = F0 T exp(-tau),   Q_i = -(sum_f B_f + B_B),   B = A a (omega . n) F
+
+The beam's flux is averaged logarithmically between centroids, so that what is deposited is what enters less what
+passes through, times the albedo, at any cell size (kernels/attenuate.cl, kernels/source.cl).
+
+References
+----------
+Haber et al. 2005, eq. (2), (3) and section 3.3.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from clsss.device import Device
+from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
+from clsss.kept import kept
+from clsss.lights import DirectionalLight, PointLight
+from clsss.octree import Octree
+from clsss.rays import LINING, RayCaster
+from clsss.sums import GROUP, sum_of_parts, tiles
+
+
+@kept
+def brick_order(octree: Octree) -> tuple[np.ndarray, np.ndarray]:
+    """The finest cells, and the cut cells, brick by brick: what rays from one brick meet stays in a cache."""
+    brick = octree.brick.get()
+    order = brick[(brick >= 0) & (brick & 15 == 0)] >> 4
+    cut = octree.cut_index.get()[order]
+    return order, cut[cut >= 0]
+
+
+def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
+    """Extinction per finest cell width as rays take it (body.h): a vector, or all levels' cells and their starts."""
+    if medium.homogeneous:
+        total = [a + s for a, s in zip(medium.sigma_a[-1].tolist(), medium.sigma_s[-1].tolist(), strict=True)]
+        return (device.vector([octree.grid.h * t for t in total]),)
+    parts = [a + s for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
+    start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
+    return device.array(channels(np.concatenate(parts)) * octree.grid.h), device.array(start)
+
+
+def scattering(device: Device, octree: Octree, medium: Coefficients) -> Any:
+    """sigma_s per finest cell width: a vector, or all levels' cells, in the order of `extinction`."""
+    if medium.homogeneous:
+        return device.vector([octree.grid.h * s for s in medium.sigma_s[-1].tolist()])
+    return device.array(channels(np.concatenate(medium.sigma_s[::-1])) * octree.grid.h)
+
+
+def light_arguments(device: Device, octree: Octree, light: Any, unit: float) -> tuple[Any, Any]:
+    """A beam's or lamp's place and strength as the kernels take them (beam.h)."""
+    if isinstance(light, DirectionalLight):
+        return device.vector([*-light.direction, 0.0]), device.vector(channels(light.irradiance / unit))
+    position = octree.grid.to_cells(light.position)
+    return device.vector([*position, 1.0]), device.vector(channels(light.intensity / unit))
+
+
+class Beams:
+    """Adds up the beams of collimated lights on an octree.
+
+    Parameters
+    ----------
+    device : Device
+    octree : Octree
+    medium : Coefficients
+    blockers : RayCaster, optional
+        Opaque bodies in front of the lights.
+    """
+
+    def __init__(
+        self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None = None
+    ):
+        self.blockers = blockers
+        self.device, self.octree, self.medium = device, octree, medium.on_device(device)
+        n_cut = octree.cut.n
+        self.Q = Field(device, octree)
+        self.moment, self.wall = device.zeros((n_cut, CHANNELS)), device.zeros((n_cut, CHANNELS))
+        self.lost = device.zeros((n_cut, CHANNELS))
+        self.incident = np.zeros(3)
+        self._order, self._cut_order = (device.array(order) for order in brick_order(octree))
+        self._F = Field(device, octree)
+        self._F_B = device.empty((n_cut, CHANNELS))
+        self._body = (*octree.body, *extinction(device, octree, medium))
+
+    @cached_property
+    def _points(self) -> list[np.ndarray]:
+        """Where F is: centroids of the cells of each level, boundaries of the cut cells, on their inner side [mm]."""
+        octree, cut = self.octree, self.octree.cut
+        normal = cut.normal.get()[:, :3].astype(float)
+        size = np.linalg.norm(normal, axis=1, keepdims=True)
+        x_B = octree.finest.ijk[cut.cell.get()] + cut.boundary.get()[:, :3].astype(float)
+        inside = x_B - LINING * normal / np.where(size > 0, size, 1)
+        return [*cell_points(octree), octree.grid.to_mm(inside)]
+
+    def add(self, light: DirectionalLight | PointLight, unit: float) -> None:
+        """Add a light's deposit, its strength in multiples of `unit`."""
+        where, strength = light_arguments(self.device, self.octree, light, unit)
+        self._trace(where, strength)
+        if self.blockers:
+            self._shade(light)
+        self._deposit(where)
+        self.incident += self._entering(where)
+        if isinstance(light, PointLight):
+            self._add_lamp_inside(light, unit)
+
+    def _entering(self, where: Any) -> np.ndarray:
+        """Power (3,) that a light brings through the surface."""
+        device, octree, cut = self.device, self.octree, self.octree.cut
+        partial = device.empty((tiles(cut.n), CHANNELS))
+        device.run(device.kernel("entering", "entering"), GROUP * tiles(cut.n), cut.n, where, octree.finest.position,
+                   cut.cell, cut.boundary, cut.normal, self._F_B, partial, group=GROUP)  # fmt: skip
+        return octree.grid.h**2 * sum_of_parts(partial)
+
+    def _trace(self, where: Any, strength: Any) -> None:
+        device, octree, cut, eta = self.device, self.octree, self.octree.cut, float(self.medium.eta)
+        defines, finest = self.medium.defines, self.octree.finest
+        cells = device.kernel("attenuate", "beam_in_cells", *defines)
+        for k, level in enumerate(octree.levels):
+            device.run(cells, -(-level.n // device.lanes), level.n, level.depth, octree.grid.h, eta, where, strength,
+                       *self._body, None if level.depth else self._order, level.position, level.is_leaf,
+                       self._F[k])  # fmt: skip
+            if level.n_ghost:
+                self._copy_ghosts(k)
+        kernel = device.kernel("attenuate", "beam_at_boundary", *defines)
+        device.run(kernel, -(-cut.n // device.lanes), cut.n, octree.grid.h, eta, where, strength, *self._body,
+                   self._cut_order, finest.position, cut.cell, self._F_B)  # fmt: skip
+
+    def _shade(self, light: DirectionalLight | PointLight) -> None:
+        """No light where a blocker stands before it."""
+        assert self.blockers is not None
+        for points, F in zip(self._points, [*self._F, self._F_B], strict=True):
+            if isinstance(light, DirectionalLight):
+                dark = self.blockers.occluded(points, -light.direction[None])
+            else:
+                dark = self.blockers.occluded(points, light.position - points, 1.0)
+            values = F.get()
+            values[: len(points)][dark] = 0
+            F.set(values)
+        for k in range(1, len(self.octree.levels)):
+            self._copy_ghosts(k)
+
+    def _copy_ghosts(self, k: int) -> None:
+        level = self.octree.levels[k]
+        self.device.run(self.device.kernel("prolong", "copy_ghosts"), level.n_ghost, level.n_ghost, level.n,
+                        level.parent, self._F[k - 1], self._F[k])  # fmt: skip
+
+    def _deposit(self, where: Any) -> None:
+        device, octree, cut, medium = self.device, self.octree, self.octree.cut, self.medium
+        levels, defines, g = octree.levels, medium.defines, float(medium.g)
+        parts = list(zip(medium.D, medium.sigma_a, medium.sigma_s, strict=True))
+        finest, F, F_B = octree.finest, self._F, self._F_B
+        kernel = device.kernel("source", "deposit_finest", *defines)
+        device.run(kernel, finest.n, finest.n, finest.h, g, float(medium.fresnel_A), where, *parts[-1], medium.D[-2],
+                   medium.sigma_s[-2], medium.fitted, finest.position, finest.nbr, finest.parent, octree.cut_index,
+                   cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid, F_B, F[-1], self.Q[-1],
+                   self.lost)  # fmt: skip
+        coarse = device.kernel("source", "deposit_coarse", *defines)
+        interface = device.kernel("source", "deposit_interface", *defines)
+        for k, level in enumerate(levels[:-1]):
+            up, fine, m = max(k - 1, 0), levels[k + 1], level.interface.shape[0]
+            device.run(coarse, level.n, level.n, level.h, g, level.depth, where, *parts[k], medium.D[up],
+                       medium.sigma_s[up], level.position, level.nbr, level.parent, level.is_leaf, F[k],
+                       self.Q[k])  # fmt: skip
+            device.run(interface, m, m, fine.n, fine.h, g, fine.depth, where, *parts[k], medium.D[k + 1],
+                       medium.sigma_s[k + 1], level.interface, level.interface_start, fine.ghost_face, fine.position,
+                       F[k + 1], self.Q[k])  # fmt: skip
+        kernel = device.kernel("moment", "moment", *defines)
+        device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], medium.fitted, finest.position,
+                   cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment, self.wall)  # fmt: skip
+
+    def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:
+        """The beam of a lamp inside the object starts in a cell: what it emits there is no divergence of B."""
+        depth, index = self.octree.find(lamp.position[None])
+        if index[0] < 0:
+            return
+        k = len(self.octree.levels) - 1 - int(depth[0])
+        sigma_a, sigma_s = self.medium.sigma_a[k], self.medium.sigma_s[k]
+        if self.medium.homogeneous:
+            a, s = np.array(sigma_a.tolist()), np.array(sigma_s.tolist())
+        else:
+            a, s = (channels(values.get()[index[0]].astype(float)) for values in (sigma_a, sigma_s))
+        power = 4 * np.pi * channels(lamp.intensity / unit)
+        Q = self.Q[k].get()
+        Q[index[0]] += power * s / (a + s)
+        self.Q[k].set(Q)
+        self.incident += power[:3]

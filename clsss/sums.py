@@ -1,0 +1,36 @@
+"""Sums over fields on the device, by colour channel: each tile's there, in single or double, of tiles here."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clsss.device import Buffer, Device
+from clsss.diffusion import CHANNELS, Field
+
+TILE, GROUP = 4096, 64  # cells and work-items of a partial sum, as in kernels/tile.h
+
+
+def tiles(n: int) -> int:
+    """Number of partial sums over `n` cells."""
+    return -(-n // TILE)
+
+
+def sum_of_parts(partial: Buffer) -> np.ndarray:
+    """Sum (..., 3) of the tiles' sums (m, ..., 4)."""
+    return partial.get()[..., :3].astype(float).sum(axis=0)
+
+
+def inner_product(device: Device, x: Field, y: Field) -> np.ndarray:
+    """Sum over all cells of x y (3,)."""
+    n = x.whole.shape[0]
+    partial = device.empty((tiles(n), CHANNELS))
+    device.run(device.kernel("reduce", "inner_product"), GROUP * tiles(n), n, x.whole, y.whole, partial, group=GROUP)
+    return sum_of_parts(partial)
+
+
+def total(device: Device, values: Buffer) -> np.ndarray:
+    """Sum of values (n, 4) over their rows (3,)."""
+    n = values.shape[0]
+    partial = device.empty((tiles(n), CHANNELS))
+    device.run(device.kernel("reduce", "total"), GROUP * tiles(n), n, values, partial, group=GROUP)
+    return sum_of_parts(partial)
