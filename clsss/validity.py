@@ -16,8 +16,8 @@ from clsss.mesh import Mesh
 
 LEAST_ALBEDO = 0.9
 LEAST_PATHS = 3.0  # mean free paths that the object must be thick
-# How many cells parts should be thick, and the share of the surface that may lie over thinner ones: those of a cell
-# show faint streaks, those of half a cell turn out dark.
+# How many cells parts should be thick, and the share of the surface that may lie over thinner ones: they turn out a
+# tenth too dark at one cell, a third to a half at .8, and more below (docs/numerics.md, "Limits").
 THIN = {"cell": (1.0, 0.05), "half_a_cell": (0.5, 0.01)}
 FINEST = 2048  # resolution
 _CHANNELS = ("red", "green", "blue")
@@ -64,13 +64,14 @@ def unresolved(thickness: np.ndarray, h: float, resolution: int) -> str:
     shares = thin_shares(thickness)
     if all(shares[name] <= most for name, (_, most) in THIN.items()):
         return ""
-    text = f"{100 * shares['cell']:.3g} % of the surface lies over parts thinner than a cell of {h:.2g} mm"
+    text = f"{100 * shares['cell']:.3g} % of the surface lies over parts thinner than a cell of {h:.2g} mm, too dark"
     if shares["half_a_cell"] > 0:
-        text += f", {100 * shares['half_a_cell']:.3g} % over less than half of one, which turn out dark"
+        text += f", and {100 * shares['half_a_cell']:.3g} % over less than half of one, nearly black"
     ordered = np.sort(thickness)
     widest = min(ordered[int(most * len(ordered))] / limit for limit, most in THIN.values())
     enough = 10 * int(np.ceil(resolution / max(widest, 1e-3) / 10))
-    return f"{text}: " + (f"resolution {enough} resolves them" if enough <= FINEST else "they need to be thicker")
+    advice = f"resolution {enough} resolves all but little" if enough <= FINEST else "they need to be thicker"
+    return f"{text}: {advice}"
 
 
 def thin_shares(thickness: np.ndarray) -> dict[str, float]:
