@@ -104,7 +104,7 @@ def bake(args: argparse.Namespace) -> None:
     if args.report:
         write_atomically(args.report, (json.dumps(result.report, indent=1) + "\n").encode())
     if not args.quiet:
-        print(_summary(result.report), file=sys.stderr)
+        print(_summary(result.report, getattr(result.medium, "name", "")), file=sys.stderr)
     _finish(args, [args.output, args.report])
 
 
@@ -117,11 +117,11 @@ def _finish(args: argparse.Namespace, written: list[str | None]) -> None:
             print(f"saved {path}", file=sys.stderr)
 
 
-def _summary(report: dict) -> str:
+def _summary(report: dict, material: str) -> str:
     octree, solve, energy = report["octree"], report["solve"], report["energy"]
     incident = max(sum(energy["incident_W"]), 1e-300)
     return (
-        f"baked {report['mesh']['vertices']} vertices on {report['device']} "
+        f"baked {report['mesh']['vertices']} vertices{material and f' of {material}'} on {report['device']} "
         f"in {report['seconds']['total']:.1f} s: {octree['leaves']} cells of {octree['h_mm']:.3g} mm and up, "
         f"{solve['cycles']} cycles"
         f"{'' if solve['converged'] else ' (not converged)'}, "

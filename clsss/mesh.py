@@ -144,7 +144,7 @@ def load_mesh(
     mesh = _scaled(vertices, faces, repaired, centre, longest, length, name)
     if solid:
         require_volume(mesh)
-        _warn_of_caps(mesh, (repaired.solid >= len(repaired.first)).any(axis=1))
+        _warn_of_caps(mesh, np.any(repaired.solid >= len(repaired.first), axis=1))
     mesh.report["seconds"] = perf_counter() - start
     return mesh
 

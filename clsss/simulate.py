@@ -248,7 +248,8 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         del samples
         if tree.n_leaves == 0:
             raise InputError(
-                f"{mesh.name}: no cell of the grid lies inside at resolution {resolution}; raise the resolution"
+                f"{mesh.name}: no cell of the grid lies inside at resolution {resolution}; raise the resolution: it is "
+                f"{validity.thickness_of(mesh):.2g} mm thick on average, cells are {grid.h:.2g} mm wide"
             )
         coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
