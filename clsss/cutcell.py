@@ -91,8 +91,8 @@ class CutCells:
         Area vector of the surface (outward): alpha_B n_B where the surface is flat.
     aperture : (n, 3) real
         Open part of the faces +x +y +z; the others are those of the cells beyond (`Octree.apertures`).
-    face_centroid : (n, 3, 2) real
-        Centroid of the open part of each of these, in its two tangential coordinates.
+    face_centroid : (n, 3, 2) float64, or uint16 in single precision
+        Centroid of the open part of each of these, in its two tangential coordinates (kernels/place.h).
     """
 
     cell: Buffer
@@ -262,9 +262,9 @@ def cut_moments(device: Device, samples: Samples, rows: np.ndarray, cell: np.nda
     DeviceError
         The device cannot hold them.
     """
-    n = len(rows)
+    n, place = len(rows), np.uint16 if device.precision == "single" else device.real
     out = CutCells(device.array(cell.astype(np.int32)), device.empty((n, 4)), device.empty((n, 4)),
-                   device.empty((n, 4)), device.empty((n, 3)), device.empty((n, 3, 2)))  # fmt: skip
+                   device.empty((n, 4)), device.empty((n, 3)), device.empty((n, 3, 2), place))  # fmt: skip
     owners = device.array(samples.owners[rows])
     kernel = device.kernel("cutcell", "moments")
     device.run(kernel, n, n, owners, samples.distance, out.centroid, out.boundary, out.normal, out.aperture,

@@ -7,7 +7,7 @@ REAL4 absorbing_volume(const int i, const int n, const REAL h, const REAL fresne
                        MEDIUM fitted, __global const int *restrict nbr, __global const int *restrict cut_index,
                        __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                        __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
-                       __global const REAL2 *restrict face_centroid) {
+                       __global const Place *restrict face_centroid) {
     const int c = cut_index[i];
     const REAL4 own = cell_centroid(c, centroid), D_i = AT(D, i), k2 = AT(fitted, i);
     if (!any_fitted(k2)) return (REAL4)(own.w);

@@ -31,7 +31,7 @@ __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_
                                   __global const int *restrict cut_index,
                                   __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                                   __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
-                                  __global const REAL2 *restrict face_centroid, __global COND *restrict T,
+                                  __global const Place *restrict face_centroid, __global COND *restrict T,
                                   __global REAL4 *restrict absorb) {
     const int i = get_global_id(0);
     if (i >= n) return;

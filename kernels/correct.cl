@@ -38,12 +38,12 @@ REAL distance_across(const int f, const int c, const int other, __global const R
  *     T_f (phi_j - phi_i)  ->  T_f x / sinh(x) (phi_j + g_j . tau_j - phi_i - g_i . tau_i),
  *     and  C_B phi_i  with its clamp eased  ->  C_B (phi_i + g . (x_B - d n - x_i)).
  */
-// cost correct_residual: 54R+6C+8M+64 B, 150 flop
+// cost correct_residual: 42R+6C+8M+88 B, 150 flop
 __kernel void correct_residual(const int n, const int n_cells, const REAL h, const REAL fresnel_A, MEDIUM D,
                                MEDIUM fitted, __global const int *restrict irregular, __global const int *restrict nbr,
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                                __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                               __global const REAL2 *restrict face_centroid, __global const int *restrict rows,
+                               __global const Place *restrict face_centroid, __global const int *restrict rows,
                                __global const REAL *restrict T, __global const REAL *restrict slope,
                                __global const REAL4 *restrict x, __global REAL4 *restrict r) {
     const int m = get_global_id(0);
@@ -58,7 +58,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
         const int other = cut_index[j];
         if (c < 0 && other < 0) continue;
         const int a = f < 2, b = f < 4 ? 2 : 1, low = f & 1 ? c : other;
-        const REAL2 at = c >= 0 && other >= 0 ? face_centroid[3 * low + (f >> 1)] : (REAL2)(0.5);
+        const REAL2 at = c >= 0 && other >= 0 ? coordinates(face_centroid[3 * low + (f >> 1)]) : (REAL2)(0.5);
         const REAL4 rise = rise_to(other, a, b, at, centroid, slope) - rise_to(c, a, b, at, centroid, slope);
         const REAL4 k2_j = AT(fitted, j);
         if (any_fitted(k2 + k2_j)) {

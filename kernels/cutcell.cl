@@ -6,6 +6,7 @@
  */
 #include "real.h"
 #include "samples.h"
+#include "place.h"
 #include "tetrahedron.h"
 #include "opening.h"
 
@@ -15,11 +16,11 @@
  *   centroid  (x_C, kappa)       boundary  (x_B, alpha_B)        normal  (alpha_B n_B as a vector, 0)
  *   aperture  alpha_f for +x +y +z                                face_centroid  two tangential coordinates each
  */
-// cost moments: 48R+32 B, 6000 flop
+// cost moments: 42R+44 B, 6000 flop
 __kernel void moments(const int n, __global const int *restrict owners, __global const REAL *restrict distance,
                       __global REAL4 *restrict centroid, __global REAL4 *restrict boundary,
                       __global REAL4 *restrict normal, __global REAL *restrict aperture,
-                      __global REAL2 *restrict face_centroid) {
+                      __global Place *restrict face_centroid) {
     const int i = get_global_id(0);
     if (i >= n) return;
     REAL f[27];
@@ -58,6 +59,6 @@ __kernel void moments(const int n, __global const int *restrict owners, __global
         REAL2 where;
         face_moments(f, below, axis, &alpha, &where);
         aperture[3 * i + axis] = alpha;
-        face_centroid[3 * i + axis] = where;
+        face_centroid[3 * i + axis] = place_at(where);
     }
 }

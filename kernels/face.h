@@ -3,6 +3,8 @@
  * Both sides of a face read the same record, the lower cell's, in the same order, so that what leaves one cell enters
  * the other to the last bit.
  */
+#include "place.h"
+
 typedef struct {
     REAL area, delta;       /* aperture; distance of the centroids along the axis */
     REAL4 tau_low, tau_high; /* tangential offset of the face's centroid from the two cells' */
@@ -14,10 +16,10 @@ REAL4 cell_centroid(const int cut, __global const REAL4 *restrict centroid) {
 }
 
 Face face_between(const int axis, const int cut_low, const int cut_high, __global const REAL4 *restrict centroid,
-                  __global const REAL *restrict aperture, __global const REAL2 *restrict face_centroid) {
+                  __global const REAL *restrict aperture, __global const Place *restrict face_centroid) {
     const REAL4 low = cell_centroid(cut_low, centroid), high = cell_centroid(cut_high, centroid);
     const int record = 3 * cut_low + axis, irregular = cut_low >= 0 && cut_high >= 0;
-    const REAL2 c = irregular ? face_centroid[record] : (REAL2)(0.5);
+    const REAL2 c = irregular ? coordinates(face_centroid[record]) : (REAL2)(0.5);
     Face face;
     face.area = irregular ? aperture[record] : 1;
     const REAL4 x = axis == 0 ? (REAL4)(0, c.x, c.y, 0) : axis == 1 ? (REAL4)(c.x, 0, c.y, 0) : (REAL4)(c.x, c.y, 0, 0);

@@ -7,7 +7,7 @@ __kernel void absorbing_volumes(const int n, const REAL h, const REAL fresnel_A,
                                 MEDIUM fitted, __global const int *restrict nbr, __global const int *restrict cut_index,
                                 __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                                 __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
-                                __global const REAL2 *restrict face_centroid, __global REAL4 *restrict volume) {
+                                __global const Place *restrict face_centroid, __global REAL4 *restrict volume) {
     const int i = get_global_id(0);
     if (i >= n) return;
     volume[i] = h * h * h * absorbing_volume(i, n, h, fresnel_A, D, sigma_a, fitted, nbr, cut_index, centroid, boundary,

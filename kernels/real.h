@@ -8,6 +8,7 @@
 #define REAL3 GLUE(REAL, 3)
 #define REAL4 GLUE(REAL, 4)
 #define REAL8 GLUE(REAL, 8)
+#define convert_REAL2 GLUE(convert_, REAL2)
 #define convert_REAL3 GLUE(convert_, REAL3)
 #define convert_REAL4 GLUE(convert_, REAL4)
 

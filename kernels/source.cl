@@ -64,7 +64,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
                              __global const int *restrict nbr, __global const int *restrict parent,
                              __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                             __global const REAL *restrict aperture, __global const REAL2 *restrict face_centroid,
+                             __global const REAL *restrict aperture, __global const Place *restrict face_centroid,
                              __global const REAL4 *restrict F_B, __global const REAL4 *restrict F,
                              __global REAL4 *restrict Q, __global REAL4 *restrict lost) {
     const int i = get_global_id(0);

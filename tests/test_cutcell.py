@@ -128,6 +128,17 @@ def test_centroids_of_faces_are_those_of_the_plane(double):
     assert seen > 50
 
 
+def test_places_in_faces_have_16_bits_in_single_precision(single, double):
+    """Half of 2^-16 of a cell off, and what float32 itself leaves."""
+    trees = [build_tree(device, sphere(subdivisions=4), 24, refine=None) for device in (single, double)]
+    found, exact = (tree.cut.face_centroid.get() for tree in trees)
+    assert found.dtype == np.uint16
+    np.testing.assert_array_equal(trees[0].cut.cell.get(), trees[1].cut.cell.get())
+    open_ = trees[1].cut.aperture.get() > 1e-2
+    assert open_.sum() > 3000
+    np.testing.assert_allclose(found[open_] / 2**16, exact[open_], atol=2**-17 + 2e-5)
+
+
 def test_no_full_cell_touches_the_outside(device, any_solid):
     tree = build_tree(device, any_solid, 16, refine=None)
     nbr, cut_index = tree.finest.nbr.get(), tree.cut_index.get()
