@@ -2,8 +2,10 @@
 
     python apps/bench_kernels.py [--quick] [--busy] [--precision double] [--json FILE] [--out FOLDER]
 
-Runs the whole pipeline on a ball, uniform and as an octree, of one material and of two mixed; then repeats the
-largest launch of every kernel alone, each next to a triad (a = b + s c over arrays much larger than the cache).
+Runs the whole pipeline on a ball, uniform and as an octree, of one material and of two mixed, and what a ball has
+no use for on plates that light one another, with light scattered once apart, absorption and jumps, and on the
+references; then repeats the largest launch of every kernel alone, each next to a triad (a = b + s c over arrays much
+larger than the cache).
 GB/s count the bytes that the kernel's ``// cost`` line declares, without cache reuse, so that a share of the triad
 may exceed 100 %; "once" is the time that a triad needs for every array the launch takes, each once, over the
 kernel's own: what is left to 100 % is what perfect reuse could still gain. Results are checked after timing:
@@ -18,7 +20,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from dataclasses import asdict, dataclass
+from collections import defaultdict
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,12 +32,19 @@ from kernel_models import verify
 from measuring import Launch, Recorder, Target, Triad, hardware, paired, print_targets
 
 from clsss import DirectionalLight, Material, Mix, Perlin, cutcell, diffusion, octree, source
+from clsss.anderson import Anderson
 from clsss.device import Buffer
 from clsss.diffusion import Field
+from clsss.dipole import dipole
+from clsss.exchange import trace_exchange
+from clsss.layer import fitted_layer
+from clsss.lighting import Scene, light
 from clsss.materials import fresnel_A
+from clsss.montecarlo import estimate
 from clsss.multigrid import Multigrid
 from clsss.refinement import varies
 from clsss.surface import fluence_at
+from clsss.winding import winding_number
 
 RADIUS = 10.0  # mm
 WHOLE_CYCLE = "V(2,2) and residual"
@@ -99,6 +109,35 @@ def pipeline(device: Recorder, cells: int, medium: Any, adaptive: bool) -> tuple
     return mg, found.b
 
 
+def besides(device: Recorder, cells: int, name: str) -> None:
+    """Everything that a bake of a ball does not run: plates with gaps, a medium that absorbs and jumps, references."""
+    plain, mesh = MEDIA["homogeneous"], problems.shape("stack 2.2h", cells)
+    dark = Material(sigma_a=0.2, sigma_s=0.5, eta=1.3)
+    medium: Any = dark if name == "homogeneous" else Mix(dark, Material(0.05, 3.0, eta=1.3), lambda x: x[:, 0] > 0)
+    grid = cutcell.make_grid(mesh.bounds, problems.cells_along(mesh))
+    tree = octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), varies(medium))
+    sampled = diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
+    mg = Multigrid(device, diffusion.make_operator(device, tree, sampled))
+    layer, exchange = fitted_layer(device, tree, sampled), trace_exchange(tree, medium.eta)
+    scene = Scene(device, mesh, tree, sampled, mg, layer, exchange, (), None, True, 1e-4, 0)
+    sun = DirectionalLight((0.3, -1, 0.2))
+    light(scene, (sun,), None, defaultdict(float), lambda stage, share: None)
+    anderson = Anderson(device, Field(device, tree), mg.r, None)
+    for _ in range(2):
+        anderson.measure()
+        anderson.combine()
+        anderson.add_correction(mg.e)
+    winding_number(device, mesh.triangles, mesh.vertices)
+    if name == "homogeneous":
+        ball = problems.round_ball(RADIUS, 3)
+        for hierarchical in (True, False):
+            dipole(ball, plain, [sun], hierarchical=hierarchical, device=device)
+        for forward in (True, False):
+            matched = replace(plain, eta=1.0)
+            estimate(ball, matched, [sun], cells, ball.vertices[:cells], forward=forward, device=device)
+    device.finish()
+
+
 def touched(launch: Launch) -> int:
     """Bytes of all arrays of a launch, each once; half of them where it takes one colour."""
     arrays = {id(v.data): v.nbytes for v in launch.named().values() if isinstance(v, Buffer)}
@@ -156,6 +195,9 @@ def bench(device: Recorder, triad: Triad, cells: int, name: str, rounds: int) ->
     for kernel in OF_LEAVES:
         device.launches.pop(kernel, None)
     pipeline(device, cells, MEDIA[name], adaptive=True)
+    of_ball, device.launches = device.launches, {}
+    besides(device, cells, name)
+    device.launches = {**device.launches, **of_ball}
     device.recording = False
     rows = [measure(device, triad, launch, cells, name, rounds) for launch in device.launches.values()]
     rows.sort(key=lambda row: -row.milliseconds)

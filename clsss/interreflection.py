@@ -146,8 +146,8 @@ class Coupling:
         cells = [*(level.interface for level in levels[: self.level]), self._above[self.level][0]]
         self._changed = [(k, at, device.empty((at.shape[0], CHANNELS))) for k, at in enumerate(cells) if at.shape[0]]
         self._moment = device.empty((op.octree.cut.n, CHANNELS))
-        self._gather, self._scatter, self._leave, self._enter, self._subtract = (
-            device.kernel("passage", name) for name in ("gather", "scatter", "leave", "enter", "subtract_scaled")
+        self._take, self._put, self._leave, self._enter, self._subtract = (
+            device.kernel("passage", name) for name in ("take_rows", "put_rows", "leave", "enter", "subtract_scaled")
         )
         self._combination = device.kernel("reduce", "combine")
 
@@ -179,7 +179,7 @@ class Coupling:
         cell, _, _, at = self._above[k]
         m = cell.shape[0]
         for j, cells, kept in self._changed:
-            run(self._gather, cells.shape[0], cells.shape[0], cells, r[j], kept)
+            run(self._take, cells.shape[0], cells.shape[0], cells, r[j], kept)
         self._entering.multiply(1, self.change, self._entered)
         self._arriving.multiply(1, self.change, self._next)
         run(self._subtract, p, p, self._giving, self._entered, self._next, self._at_once)
@@ -188,7 +188,7 @@ class Coupling:
         for passage in range(PASSAGES):
             if passage:
                 for j, cells, kept in self._changed:
-                    run(self._scatter, cells.shape[0], cells.shape[0], cells, kept, r[j])
+                    run(self._put, cells.shape[0], cells.shape[0], cells, kept, r[j])
                 self.let_in(k, r[k])
             solve()
             run(self._leave, m, m, cell, self._leaving, e[k], at)

@@ -2,17 +2,17 @@
 #include "real.h"
 
 /* y = x at some cells. */
-// cost gather: 8R+4 B, 0 flop
-__kernel void gather(const int n, __global const int *restrict cell, __global const REAL4 *restrict x,
-                     __global REAL4 *restrict y) {
+// cost take_rows: 8R+4 B, 0 flop
+__kernel void take_rows(const int n, __global const int *restrict cell, __global const REAL4 *restrict x,
+                        __global REAL4 *restrict y) {
     const int i = get_global_id(0);
     if (i < n) y[i] = x[cell[i]];
 }
 
 /* x at some cells = y. */
-// cost scatter: 8R+4 B, 0 flop
-__kernel void scatter(const int n, __global const int *restrict cell, __global const REAL4 *restrict y,
-                      __global REAL4 *restrict x) {
+// cost put_rows: 8R+4 B, 0 flop
+__kernel void put_rows(const int n, __global const int *restrict cell, __global const REAL4 *restrict y,
+                       __global REAL4 *restrict x) {
     const int i = get_global_id(0);
     if (i < n) x[cell[i]] = y[i];
 }

@@ -6,6 +6,7 @@ machine should show, and catch a kernel that lost a factor.
 
 from __future__ import annotations
 
+import re
 import sys
 from functools import partial
 from pathlib import Path
@@ -13,8 +14,10 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "apps"))
-from bench_kernels import AT_LEAST, MEDIA, check, measure_cycle, pipeline
+from bench_kernels import AT_LEAST, MEDIA, besides, check, measure_cycle, pipeline
 from measuring import Recorder, Triad, paired
+
+from clsss.kernelsource import KERNEL_DIR
 
 CELLS = 48
 LEAST_SHARE = 0.15  # of the triad's bandwidth, by the declared bytes
@@ -55,3 +58,15 @@ def test_kernels_keep_up_with_memory(bench, solved, name):
 def test_cycles_take_no_longer_than_reading_memory(bench, solved):
     tries = (measure_cycle(*bench, *solved, ROUNDS)[1] for _ in range(TRIES))
     assert any(units < MOST_UNITS for units in tries)
+
+
+def test_every_kernel_is_measured(bench):
+    device, _ = bench
+    device.launches.clear()
+    device.recording = True
+    for name, medium in MEDIA.items():
+        pipeline(device, CELLS, medium, adaptive=True)
+        besides(device, 32, name)
+    device.recording = False
+    written = "".join(path.read_text() for path in KERNEL_DIR.glob("*.cl"))
+    assert set(re.findall(r"__kernel void (\w+)", written)) == set(device.launches)
