@@ -79,7 +79,8 @@ class Beams:
         self.device, self.octree, self.medium = device, octree, medium.on_device(device)
         n_cut = octree.cut.n
         self.Q = Field(device, octree)
-        self.moment, self.wall = device.zeros((n_cut, CHANNELS)), device.zeros((n_cut, CHANNELS))
+        self.moment = device.zeros((n_cut, CHANNELS))
+        self.wall = device.zeros((n_cut, CHANNELS)) if medium.g else None
         self.lost = device.zeros((n_cut, CHANNELS))
         self.incident = np.zeros(3)
         self._order, self._cut_order = (device.array(order) for order in brick_order(octree))

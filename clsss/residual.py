@@ -40,8 +40,8 @@ class Residual:
     ----------
     slope : (n_cut, 3, 3) real, device
         Gradients of the last field completed, by axis, then channel, per cell width; in `room` if there is enough.
-    wall : (n_cut, 4) real, device
-        3 D q1 . n of the source at the boundary, which the gradients there need [W/mm^2].
+    wall : (n_cut, 4) real, device, or None
+        3 D q1 . n of the source at the boundary, which the gradients there need [W/mm^2]; None: there is no q1.
     """
 
     def __init__(self, device: Device, op: Operator, room: Buffer | None = None):
@@ -49,7 +49,7 @@ class Residual:
         shape = (op.octree.cut.n, 3, 3)
         fits = room is not None and 9 * shape[0] * device.real.itemsize <= room.nbytes
         self.slope = Buffer(device, shape, device.real, room.data) if room and fits else device.empty(shape)
-        self.wall = device.zeros((op.octree.cut.n, CHANNELS))
+        self.wall: Buffer | None = None
         d = op.medium.defines
         self._average = device.kernel("restrict", "average", *d)
         self._carry = device.kernel("prolong", "carry_ghosts")

@@ -38,20 +38,21 @@ class Held:
         Complete. It is set to zero, and counts from what it was until `release`.
     b, r : Field
         Right-hand side, and the residual of `phi` without the follower's part, which takes its place.
-    wall : (n_cut, 4) real, device
+    wall : (n_cut, 4) real, device, or None
         The boundary's source, `Residual.wall`: it belongs to what is held, and is set to zero.
     follower : Follower or None
     """
 
-    def __init__(self, phi: Field, b: Field, r: Field, wall: Buffer, follower: Follower | None):
+    def __init__(self, phi: Field, b: Field, r: Field, wall: Buffer | None, follower: Follower | None):
         self._phi, self._follower = phi, follower
         if follower:
             follower.hold(phi)
         self._held = phi.whole.get()
-        self._aside = [(buffer, buffer.get()) for buffer in (b.whole, wall)]
+        self._aside = [(buffer, buffer.get()) for buffer in (b.whole, wall) if buffer]
         b.whole.copy_from(r.whole)
         phi.whole.fill(0)
-        wall.fill(0)
+        if wall:
+            wall.fill(0)
 
     def release(self) -> None:
         """Add what was held to the solution, and put right-hand side and wall back."""

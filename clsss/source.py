@@ -36,7 +36,7 @@ class Source:
         What each leaf receives, in the operator's scale.
     moment : (n_cut, 4) real, device
         First moment r_B of the source between centroid and surface [W/mm^2].
-    wall : (n_cut, 4) real, device
+    wall : (n_cut, 4) real, device, or None where g = 0
         3 D q1 . n at the boundary [W/mm^2].
     deposited, incident : (3,) float
         Power deposited, and power that the beams bring through the surface [W].
@@ -46,7 +46,7 @@ class Source:
 
     b: Field
     moment: Buffer
-    wall: Buffer
+    wall: Buffer | None
     deposited: np.ndarray
     incident: np.ndarray
     lost: np.ndarray

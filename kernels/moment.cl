@@ -11,7 +11,7 @@
 /* First moment of the source between centroid and surface,
  *     r_B = (d/D) s (-omega . n) (a (F_B - LM(F_B, F_i)) - 3 D g sigma_s LM(F_B, F_i)),
  * s = tanh(x)/x and the near end's mean where the depth is fitted (layer.h), and the part 3 D q1 . n that the boundary
- * condition needs (wall). */
+ * condition needs (wall; null where g = 0). */
 // cost moment: 30R+4M+10 B, 60 flop
 __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light, MEDIUM D, MEDIUM sigma_a,
                      MEDIUM sigma_s, MEDIUM fitted,
@@ -32,7 +32,7 @@ __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light,
     const REAL inward = dot(beam_at(light, p).towards.xyz, nrm.xyz);
     const REAL4 first = -inward * 3 * g * AT(D, i) * AT(sigma_s, i) * mean;
     r_B[c] += d / AT(D, i) * s * (inward * albedo(sigma_a, sigma_s, i) * (F_B[c] - mean) + first);
-    wall[c] += first;
+    if (wall) wall[c] += first;
 }
 
 /* What cells receive becomes a right-hand side in the operator's scale. */

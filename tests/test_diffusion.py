@@ -336,6 +336,19 @@ def test_gradients_of_thin_fins_leave_out_what_they_do_not_have(double):
     assert scheme.singular > 3
 
 
+def test_no_first_moment_needs_no_wall(device):
+    tree = build_tree(device, sphere(), 24)
+    op, found = build_operator(device, tree, MATERIAL), []
+    phi, b, r = (Field(device, tree) for _ in range(3))
+    set_field(tree, phi, lambda points: np.random.default_rng(9).uniform(1, 2, len(points)))
+    for wall in (None, device.zeros((tree.cut.n, 4))):
+        residual = Residual(device, op)
+        residual.wall = wall
+        residual(phi, b, r)
+        found.append(r.whole.get())
+    np.testing.assert_array_equal(*found)
+
+
 def errors(device, case, resolution, **options):
     """Relative errors of a solution: phi in all, full and cut cells, and phi_B as the value on the sphere."""
     solved = solve(device, sphere(case.radius, 6), case.medium, case.lights, resolution, 1e-8, **options)
