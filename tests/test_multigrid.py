@@ -119,6 +119,30 @@ def prolonged(mg, k, values):
     return mg.e[k].get()[: fine.n]
 
 
+@pytest.mark.parametrize("make", [sphere, pulley])
+def test_prolongation_weights_are_of_resistances(double, make):
+    """w = r / (r + R): r halfway to the sibling, R to the middle of the coarse cell beyond, as if where faces miss."""
+    mg = multigrid_for(double, make(), Lumps(), 24)
+    for k, level in enumerate(mg.op.octree.levels[1:], 1):
+        n, nbr, up = level.n, level.nbr.get(), level.ijk & 1
+        T = mg.op.T[k].get().reshape(n, 6, -1)[..., :3].mean(axis=2)
+        expected = np.zeros((n, 3))
+        for d in range(3):
+            face = 2 * d + up[:, d]
+            cell = np.flatnonzero(T[np.arange(n), face] > 0)
+            face = face[cell]
+            out, sibling, beyond = T[cell, face], T[cell, face ^ 1], nbr[cell, face]
+            here = beyond < n
+            further = np.where(here, T[np.where(here, beyond, 0), face], 0)
+            inner = 1 / (2 * np.where(sibling > 0, sibling, out))
+            outer = 1 / out + here / (2 * np.where(further > 0, further, out))
+            expected[cell, d] = inner / (inner + outer)
+        expected /= np.maximum(1, expected.sum(axis=1, keepdims=True))
+        weight = mg.op.weight[k].get()
+        np.testing.assert_allclose(weight[:, :3], 252 * expected, atol=1)  # rounded, the last to what is left
+        assert (weight.sum(axis=1, dtype=int) == 252).all()
+
+
 def test_prolongation_keeps_constants(small):
     for k in range(1, len(small.e)):
         np.testing.assert_allclose(prolonged(small, k, np.ones((small.op.octree.levels[k - 1].n, 4))), 1, rtol=1e-13)

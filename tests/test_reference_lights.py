@@ -11,7 +11,7 @@ import trimesh
 from clsss.dipole import dipole, entering
 from clsss.errors import InputError
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
-from clsss.materials import Material
+from clsss.materials import Material, fresnel_transmittance
 from clsss.media import Mix, Perlin
 from clsss.mesh import load_mesh
 from clsss.montecarlo import estimate
@@ -208,6 +208,18 @@ def test_diffusion_agrees_in_a_shadow():
     radiosity, stderr = monte_carlo(ball(), medium, [DOWN], 400, points, blockers=[lid()])
     off = ours.radiosity(points) - radiosity
     assert np.linalg.norm(off) < 0.03 * np.linalg.norm(radiosity) + 1.2 * np.linalg.norm(stderr)
+
+
+def test_lamp_enters_by_the_square_of_its_distance():
+    """E = I T(cos) cos / r^2 above the ball, nothing on its far side."""
+    normals = np.array([[0, 0, 1.0], [0.6, 0, 0.8], [0, 0, -1.0]])
+    points = RADIUS * normals
+    lamp = np.array([0, 0, 9.0])
+    r = np.linalg.norm(lamp - points, axis=1)
+    cosine = np.maximum(0, ((lamp - points) * normals).sum(axis=1) / r)
+    found = entering(ball(), points, normals, 1.4, [PointLight(lamp, (1.0, 2.0, 3.0))])
+    expected = (fresnel_transmittance(cosine, 1.4) * cosine / r**2)[:, None] * [1, 2, 3]
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
 
 
 def test_blockers_that_are_none_are_named():
