@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import json
 import multiprocessing
 import os
 import statistics
@@ -26,13 +25,14 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 import problems
-from measuring import Target, bandwidth_unit, hardware, peak_rss, print_targets
+from measuring import Target, add_outputs, bandwidth_unit, hardware, peak_rss, print_targets, write_outputs
 from peers import Comparison, compare
 
 from clsss import DirectionalLight, Mesh, Mix, Perlin, load_mesh, material, simulate
@@ -255,8 +255,7 @@ def main() -> int:
     parser.add_argument("--sizes", type=int, nargs="+", metavar="N", help="resolutions; by default 64 128 256")
     parser.add_argument("--quick", action="store_true", help="32 and 64 cells, under 40 seconds")
     parser.add_argument("--repeats", type=int, default=1, help="runs of each bake; the median one counts")
-    parser.add_argument("--json", metavar="FILE", help="write all figures to this file")
-    parser.add_argument("--out", metavar="FOLDER", help="draw how the stages grow into this folder (needs matplotlib)")
+    add_outputs(parser, "how the stages grow")
     args = parser.parse_args()
     about = hardware(Device())
     print(", ".join(f"{key} {value}" for key, value in about.items()))
@@ -278,14 +277,9 @@ def main() -> int:
         print("PyAMG is not installed: pip install clsss[bench]")
     goals = targets(bakes, growth, comparison, first_run, view_help_seconds(3 if args.quick else 7), not args.quick)
     missed = print_targets(goals)
-    if args.json:
-        everything = {"hardware": about, "bakes": [asdict(b) for b in bakes], "growth": growth,
-                      "first_run_seconds": first_run, "peers": comparison and asdict(comparison),
-                      "targets": [goal.record() for goal in goals]}  # fmt: skip
-        Path(args.json).write_text(json.dumps(everything, indent=1))
-    if args.out:
-        Path(args.out).mkdir(parents=True, exist_ok=True)
-        draw(bakes, Path(args.out) / "bakes.png")
+    figures = {"hardware": about, "bakes": [asdict(b) for b in bakes], "growth": growth,
+               "first_run_seconds": first_run, "peers": comparison and asdict(comparison)}  # fmt: skip
+    write_outputs(args, figures, goals, "bakes.png", partial(draw, bakes))
     return 1 if missed and not args.quick else 0
 
 

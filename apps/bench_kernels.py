@@ -18,7 +18,6 @@ wrong; --quick judges results alone.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections import defaultdict
 from dataclasses import asdict, dataclass, replace
@@ -29,7 +28,17 @@ from typing import Any
 import numpy as np
 import problems
 from kernel_models import verify
-from measuring import Launch, Recorder, Target, Triad, hardware, paired, print_targets
+from measuring import (
+    Launch,
+    Recorder,
+    Target,
+    Triad,
+    add_outputs,
+    hardware,
+    paired,
+    print_targets,
+    write_outputs,
+)
 
 from clsss import DirectionalLight, Material, Mix, Perlin, cutcell, diffusion, octree, source
 from clsss.anderson import Anderson
@@ -252,8 +261,7 @@ def main() -> int:
     parser.add_argument("--precision", choices=("single", "double"), default="single")
     parser.add_argument("--device", help="part of an OpenCL device's name")
     parser.add_argument("--busy", action="store_true", help="count processor time: other work runs on this CPU")
-    parser.add_argument("--json", metavar="FILE", help="write all figures to this file")
-    parser.add_argument("--out", metavar="FOLDER", help="draw a roofline into this folder (needs matplotlib)")
+    add_outputs(parser, "a roofline")
     args = parser.parse_args()
     sizes = args.sizes or ([32] if args.quick else [32, 64, BIGGEST])
     rounds = args.rounds or (3 if args.quick else 11)
@@ -275,14 +283,9 @@ def main() -> int:
     goals = targets(rows, cycles)
     missed = print_targets(goals)
     print(f"\n{wrong} wrong results, {missed} targets missed")
-    if args.json:
-        found_cycles = [{"cells": c, "medium": m, "u": u} for (c, m), u in cycles.items()]
-        everything = {"hardware": about, "triad_gb_per_s": bandwidth, "kernels": [asdict(row) for row in rows],
-                      "cycles": found_cycles, "targets": [goal.record() for goal in goals]}  # fmt: skip
-        Path(args.json).write_text(json.dumps(everything, indent=1))
-    if args.out:
-        Path(args.out).mkdir(parents=True, exist_ok=True)
-        draw(rows, bandwidth, Path(args.out) / "roofline.png")
+    figures = {"hardware": about, "triad_gb_per_s": bandwidth, "kernels": [asdict(row) for row in rows],
+               "cycles": [{"cells": c, "medium": m, "u": u} for (c, m), u in cycles.items()]}  # fmt: skip
+    write_outputs(args, figures, goals, "roofline.png", partial(draw, rows, bandwidth))
     return 1 if wrong or (missed and not args.quick) else 0
 
 

@@ -6,6 +6,8 @@ ratios: other work on the machine slows both.
 
 from __future__ import annotations
 
+import argparse
+import json
 import os
 import re
 import statistics
@@ -306,3 +308,20 @@ def print_targets(targets: list[Target]) -> int:
     for target in targets:
         print(f"  {target}")
     return sum(target.verdict == "FAIL" for target in targets)
+
+
+def add_outputs(parser: argparse.ArgumentParser, picture: str) -> None:
+    """Where figures and a picture of `picture` go."""
+    parser.add_argument("--json", metavar="FILE", help="write all figures to this file")
+    parser.add_argument("--out", metavar="FOLDER", help=f"draw {picture} into this folder (needs matplotlib)")
+
+
+def write_outputs(args: argparse.Namespace, figures: dict[str, Any], targets: list[Target], name: str,
+                  draw: Callable[[Path], None]) -> None:  # fmt: skip
+    """Write what `add_outputs` let ask for: figures and targets, and the picture `name` that `draw` makes."""
+    if args.json:
+        everything = {**figures, "targets": [target.record() for target in targets]}
+        Path(args.json).write_text(json.dumps(everything, indent=1))
+    if args.out:
+        Path(args.out).mkdir(parents=True, exist_ok=True)
+        draw(Path(args.out) / name)
