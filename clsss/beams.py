@@ -29,8 +29,7 @@ from clsss.sums import GROUP, sum_of_parts, tiles
 @kept
 def brick_order(octree: Octree) -> tuple[np.ndarray, np.ndarray]:
     """The finest cells, and the cut cells, brick by brick: what rays from one brick meet stays in a cache."""
-    brick = octree.brick.get()
-    order = brick[(brick >= 0) & (brick & 15 == 0)] >> 4
+    order = octree.leaf_map.finest_by_bricks()
     cut = octree.cut_index.get()[order]
     return order, cut[cut >= 0]
 

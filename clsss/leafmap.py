@@ -2,43 +2,121 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from clsss.cutcell import Grid
 from clsss.device import Buffer, Device
 
-
-def empty_map(grid: Grid, cells: list[np.ndarray], leaf: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The two-level map (tree.h), without codes: `cells` (n, 3) of each level, coarsest first, and which are leaves."""
-    bz, by, bx = grid.blocks
-    mark = np.zeros((bz, by, bx), bool)
-    for depth, (ijk, is_leaf) in enumerate(zip(cells[:-4:-1], leaf[:-4:-1], strict=True)):
-        x, y, z = (ijk[is_leaf] << depth >> 3).T
-        mark[z, y, x] = True
-    block = np.full((bz, by, bx), -1, np.int32)
-    block[mark] = np.arange(int(mark.sum()), dtype=np.int32)
-    return block, np.full(512 * max(1, int(mark.sum())), -1, np.int32)
+FINE = -2  # entry of a brick where there are finest cells, as in kernels/tree.h
+BITS = np.array([bin(byte).count("1") for byte in range(256)], np.int32)
 
 
-def write_leaves(block: np.ndarray, brick: np.ndarray, depth: int, ijk: np.ndarray, leaf: np.ndarray) -> None:
-    """Enter the codes of the leaves of one level."""
-    where = np.flatnonzero(leaf)
-    ijk, code = ijk[where], (where * 16 + depth).astype(np.int32)
-    if depth >= 3:
-        width = 1 << (depth - 3)
+def _octant(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Place in its brick of the 2x2x2 cells that hold each cell."""
+    return ((z >> 1 & 3) * 4 + (y >> 1 & 3)) * 4 + (x >> 1 & 3)
+
+
+class LeafMap:
+    """Which leaf holds a cell of the finest grid (tree.h).
+
+    Parameters
+    ----------
+    grid : Grid
+    exists : (nz, ny, nx) bool
+        The finest level's cells.
+    cells, leaf : lists of (n, 3) int32 and (n,) bool
+        Cells of each level, coarsest first, and which are leaves.
+    n_red : int
+        Red ones among the finest.
+
+    Attributes
+    ----------
+    block : (nz / 8, ny / 8, nx / 8) int32
+    brick : (64 n_bricks,) int32
+    first : (64 n, 2) int32
+        First red and first black cell of each row of the bricks with finest cells, which come first.
+    filled : (64 n,) uint8
+        Which cells of those rows exist.
+    """
+
+    def __init__(self, grid: Grid, exists: np.ndarray, cells: list[np.ndarray], leaf: list[np.ndarray], n_red: int):
+        bz, by, bx = grid.blocks
+        fine, mark = np.zeros((2, bz, by, bx), bool)
+        for depth, (ijk, is_leaf) in enumerate(zip(cells[:-4:-1], leaf[:-4:-1], strict=True)):
+            x, y, z = (ijk[is_leaf] << depth >> 3).T
+            (mark if depth else fine)[z, y, x] = True
+        mark &= ~fine
+        n, n_bricks = int(fine.sum()), int(fine.sum() + mark.sum())
+        self.block = np.full((bz, by, bx), -1, np.int32)
+        self.block[fine], self.block[mark] = np.arange(n), np.arange(n, n_bricks)
+        self.brick = np.full(64 * max(1, n_bricks), -1, np.int32)
+        rows = np.packbits(exists, axis=2, bitorder="little").reshape(bz, 8, by, 8, bx).transpose(0, 2, 4, 1, 3)
+        self.filled = rows[fine].ravel()
+        self.first = np.zeros((64 * n, 2), np.int32)
+        for colour, part in enumerate((slice(0, n_red), slice(n_red, None))):
+            x, y, z = cells[-1][part].T
+            brick = self.block[z >> 3, y >> 3, x >> 3] * 64
+            row = brick + (z & 7) * 8 + (y & 7)
+            starts = np.flatnonzero(np.diff(row, prepend=-1))
+            self.first[row[starts], colour] = colour * n_red + starts
+            self.brick[brick + _octant(x, y, z)] = FINE
+
+    def write_leaves(self, depth: int, ijk: np.ndarray, leaf: np.ndarray) -> None:
+        """Enter the codes of the leaves of a level above the finest."""
+        where, block = np.flatnonzero(leaf), self.block
+        ijk, code = ijk[where], (where * 16 + depth).astype(np.int32)
+        if depth >= 3:
+            width = 1 << (depth - 3)
+            for dz, dy, dx in np.ndindex(width, width, width):
+                x, y, z = (ijk * width + [dx, dy, dz]).T
+                ok = (x < block.shape[2]) & (y < block.shape[1]) & (z < block.shape[0])
+                block[z[ok], y[ok], x[ok]] = -2 - code[ok]
+            return
+        x, y, z = (ijk << depth).T
+        base, width = block[z >> 3, y >> 3, x >> 3] * 64 + _octant(x, y, z), 1 << (depth - 1)
         for dz, dy, dx in np.ndindex(width, width, width):
-            x, y, z = (ijk * width + [dx, dy, dz]).T
-            ok = (x < block.shape[2]) & (y < block.shape[1]) & (z < block.shape[0])
-            block[z[ok], y[ok], x[ok]] = -2 - code[ok]
-        return
-    x, y, z = (ijk << depth).T
-    base = block[z >> 3, y >> 3, x >> 3] * 512 + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)
-    for dz, dy, dx in np.ndindex(1 << depth, 1 << depth, 1 << depth):
-        brick[base + (dz * 8 + dy) * 8 + dx] = code
+            self.brick[base + (dz * 4 + dy) * 4 + dx] = code
+
+    def on_device(self, device: Device, grid: Grid) -> tuple[Any, ...]:
+        """The map as kernels take it."""
+        arrays = (self.block.ravel(), self.brick, self.first, self.filled)
+        return (grid.dims, *(device.array(values) for values in arrays))
+
+    def finest(self, cells: np.ndarray) -> np.ndarray:
+        """Index of finest cells (n, 3) that exist."""
+        x, y, z = cells.T
+        row = self.block[z >> 3, y >> 3, x >> 3] * 64 + (z & 7) * 8 + (y & 7)
+        before = self.filled[row] & np.where(x & 1, 0xAA, 0x55) & ((1 << (x & 7)) - 1)
+        return self.first[row, (x ^ y ^ z) & 1] + BITS[before]
+
+    def codes(self, cells: np.ndarray) -> np.ndarray:
+        """Codes (n,) of the leaves at cells (n, 3) of the grid."""
+        x, y, z = cells.T
+        block = self.block[z >> 3, y >> 3, x >> 3]
+        code = np.where(block < -1, -2 - block, -1)
+        code[block >= 0] = self.brick[(block * 64 + _octant(x, y, z))[block >= 0]]
+        fine = np.flatnonzero(code == FINE)
+        code[code == FINE] = -1
+        row = (block * 64 + (z & 7) * 8 + (y & 7))[fine]
+        fine = fine[self.filled[row] >> (x[fine] & 7) & 1 > 0]
+        code[fine] = 16 * self.finest(cells[fine])
+        return code
+
+    def finest_by_bricks(self) -> np.ndarray:
+        """All finest cells, brick by brick."""
+        exist = np.unpackbits(self.filled[:, None], axis=1, bitorder="little")
+        row, index = np.arange(len(exist)), np.empty(exist.shape, np.int32)
+        parity = (row ^ row >> 3) & 1
+        for side in (0, 1):
+            there = exist[:, side::2]
+            index[:, side::2] = self.first[row, parity ^ side][:, None] + np.cumsum(there, axis=1) - there
+        return index[exist > 0]
 
 
-def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> Buffer:
-    """How far each cell of the finest grid is from one of another kind (clearance.cl)."""
+def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> tuple[Buffer, Buffer]:
+    """How far each cell of the finest grid is from one of another kind: `near` and `clearance` of body.h."""
     kind = np.where(is_cut, 0, np.where(solid, 129, 1)).astype(np.uint8).ravel()
     rows = grid.dims[1] * grid.dims[2]
     first, second = device.array(kind), device.empty(len(kind), np.uint8)
@@ -46,4 +124,8 @@ def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndar
     across, n = device.kernel("clearance", "clear_across"), len(kind) // 8
     device.run(across, n, n, grid.dims, 1, second, first)
     device.run(across, n, n, grid.dims, 2, first, second)
-    return second
+    clear = second.get().reshape(-1, 512)
+    least = clear.min(axis=1).astype(np.int32)
+    mixed = (least == 0) | ((clear.max(axis=1) ^ least) & 128 > 0)
+    near = np.where(mixed, np.cumsum(mixed) - 1, -1 - least)
+    return device.array(near, np.int32), device.array(clear[mixed])

@@ -19,7 +19,7 @@ import numpy as np
 from clsss.coarsening import DENSE, STEP, Cells, coarsen, coarsen_further, finest_cells, first_children, ordered
 from clsss.cutcell import CutCells, Grid, Samples, cut_moments
 from clsss.device import Buffer, Device
-from clsss.leafmap import clearance_map, empty_map, write_leaves
+from clsss.leafmap import LeafMap, clearance_map
 from clsss.refinement import Refine, pool, split_masks, spread
 
 
@@ -97,10 +97,11 @@ class Octree:
     ----------
     cut_index : (n,) int32, device
         For each finest cell its place among `cut`, or -1 where it is full.
-    block, brick : int32, device
-        The two-level map of leaf codes.
-    clearance : (n_blocks, 512) uint8, device
-        How far each cell of the finest grid is from one of another kind (clearance.cl).
+    leaf_map : LeafMap
+    tree : tuple
+        The same as kernels take it (tree.h).
+    near, clearance : int32 and uint8, device
+        How far each cell of the finest grid is from one of another kind (body.h).
     thickness : (k,) float64
         As in `Samples`.
     """
@@ -109,8 +110,9 @@ class Octree:
     levels: tuple[Level, ...]
     cut: CutCells
     cut_index: Buffer
-    block: Buffer
-    brick: Buffer
+    leaf_map: LeafMap
+    tree: tuple[Any, ...]
+    near: Buffer
     clearance: Buffer
     thickness: np.ndarray
 
@@ -123,8 +125,7 @@ class Octree:
     def body(self) -> tuple[Any, ...]:
         """What rays run through, as kernels take it (body.h), but for the medium's extinction."""
         cut = self.cut
-        return (self.grid.dims, self.block, self.brick, self.clearance, self.cut_index, cut.boundary, cut.normal,
-                cut.centroid)  # fmt: skip
+        return (*self.tree, self.near, self.clearance, self.cut_index, cut.boundary, cut.normal, cut.centroid)
 
     @property
     def n_cells(self) -> int:
@@ -150,13 +151,7 @@ class Octree:
         """The leaf at points (n, 3) [mm]: how many levels above the finest, and its index there; -1: none."""
         ijk = np.floor(self.grid.to_cells(points)).astype(np.int64)
         outside = ((ijk < 0) | (ijk >= self.grid.dims)).any(axis=1)
-        x, y, z = np.where(outside[:, None], 0, ijk).T
-        _, by, bx = self.grid.blocks
-        block = self.block.get()[((z >> 3) * by + (y >> 3)) * bx + (x >> 3)]
-        local = ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)
-        in_brick = self.brick.get()[np.maximum(block, 0) * 512 + local]
-        code = np.where(block >= 0, in_brick, np.where(block == -1, -1, -2 - block))
-        code = np.where(outside, -1, code)
+        code = np.where(outside, -1, self.leaf_map.codes(np.where(outside[:, None], 0, ijk)))
         return np.where(code < 0, -1, code & 15), np.where(code < 0, -1, code >> 4)
 
     @property
@@ -250,41 +245,35 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     positions, colour_start = zip(*[ordered(mask) for mask in exists], strict=True)
     leaf = [~s[c[:, 2], c[:, 1], c[:, 0]] for s, c in zip(split, positions[:-1], strict=True)]
     leaf.append(np.ones(len(positions[-1]), bool))
-    block, brick = empty_map(grid, positions, leaf)
-    write_leaves(block, brick, 0, positions[-1], leaf[-1])
-    block_buffer, brick_buffer = device.array(block.ravel()), device.array(brick)
-    n = len(positions[-1])
+    leaf_map = LeafMap(grid, exists[-1], positions, leaf, colour_start[-1][1])
+    tree, n = leaf_map.on_device(device, grid), len(positions[-1])
     nbr = device.empty((n, 6), np.int32)
-    device.run(device.kernel("octree", "neighbours"), n, n, grid.dims, block_buffer, brick_buffer,
-               device.array(positions[-1]), nbr)  # fmt: skip
-    cut, cut_index = _cut_cells(device, samples, cut_rows, positions[-1], grid, block.ravel(), brick)
+    device.run(device.kernel("octree", "neighbours"), n, n, *tree, device.array(positions[-1]), nbr)
+    cut, cut_index = _cut_cells(device, samples, cut_rows, leaf_map, n)
     cells = [finest_cells(positions[-1], colour_start[-1], nbr.get(), cut.cell.get(), cut.aperture.get())]
     parents: list[np.ndarray] = []
     for number in range(len(positions) - 2, -1, -1):
         coarse, parent = coarsen(cells[0], has[number].shape, positions[number], leaf[number], colour_start[number][1])
         _find_coarser(cells[0], coarse)
-        write_leaves(block, brick, len(positions) - 1 - number, coarse.ijk, coarse.leaf)
+        leaf_map.write_leaves(len(positions) - 1 - number, coarse.ijk, coarse.leaf)
         cells.insert(0, coarse)
         parents.insert(0, parent)
     while len(cells[0].ijk) > DENSE:
         coarse, parent = coarsen_further(cells[0])
         cells.insert(0, coarse)
         parents.insert(0, parent)
-    block_buffer.set(block.ravel())
-    brick_buffer.set(brick)
+    tree[1].set(leaf_map.block.ravel())
+    tree[2].set(leaf_map.brick)
     levels = _make_levels(device, grid, cells, parents)
-    clearance = clearance_map(device, grid, solid, is_cut)
-    return Octree(grid, levels, cut, cut_index, block_buffer, brick_buffer, clearance, samples.thickness)
+    near, clearance = clearance_map(device, grid, solid, is_cut)
+    return Octree(grid, levels, cut, cut_index, leaf_map, tree, near, clearance, samples.thickness)
 
 
-def _cut_cells(device: Device, samples: Samples, rows: np.ndarray, ijk: np.ndarray, grid: Grid, block: np.ndarray,
-               brick: np.ndarray) -> tuple[CutCells, Buffer]:  # fmt: skip
-    """Moments of the cut cells in the order of the finest level, and each finest cell's place among them."""
-    _, by, bx = grid.blocks
-    x, y, z = samples.cells[rows].T
-    base = block[((z >> 3) * by + (y >> 3)) * bx + (x >> 3)] * 512
-    index = brick[base + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)] >> 4
+def _cut_cells(device: Device, samples: Samples, rows: np.ndarray, leaf_map: LeafMap,
+               n: int) -> tuple[CutCells, Buffer]:  # fmt: skip
+    """Moments of the cut cells in the order of the finest level, and each of its n cells' place among them."""
+    index = leaf_map.finest(samples.cells[rows])
     order = np.argsort(index)
-    cut_index = np.full(len(ijk), -1, np.int32)
+    cut_index = np.full(n, -1, np.int32)
     cut_index[index[order]] = np.arange(len(order), dtype=np.int32)
     return cut_moments(device, samples, rows[order], index[order]), device.array(cut_index)

@@ -16,7 +16,7 @@ from clsss.octree import Octree
 
 RADII = (1.5, 2.5)  # in cells; the wider where the narrower finds too few cut cells
 WIDTH = 24  # cut cells that most fits do with
-CHUNK = 1 << 15  # points at a time, so that the device need not hold much
+CHUNK = 1 << 13  # points at a time, so that the device need not hold much
 
 
 def boundary_points(octree: Octree) -> tuple[np.ndarray, np.ndarray]:
@@ -91,8 +91,8 @@ def _fit(device: Device, octree: Octree, points: np.ndarray,
     while most > width:
         width = most
         cuts, shares = device.empty((n, width), np.int32), device.empty((n, width))
-        device.run(kernel, n, n, width, *RADII, octree.grid.dims, octree.block, octree.brick, octree.clearance,
-                   octree.cut_index, cut.boundary, cut.normal, where, facing, cuts, shares, used)  # fmt: skip
+        device.run(kernel, n, n, width, *RADII, *octree.tree, octree.near, octree.clearance, octree.cut_index,
+                   cut.boundary, cut.normal, where, facing, cuts, shares, used)  # fmt: skip
         count = used.get()
         most = int(count.max())
     return count, cuts.get(), shares.get()

@@ -5,13 +5,13 @@
 
 /* Sets *too_far where a number has more than 16 bits; with `far` all are kept. */
 // cost list_around: 270 B, 400 flop
-__kernel void list_around(const int n, const int n_red, const int n_cells, const int4 dims,
-                          __global const int *restrict block, __global const int *restrict brick,
+__kernel void list_around(const int n, const int n_red, const int n_cells, TREE,
                           __global const ushort *restrict position, __global const int *restrict cut_cell,
                           __global ushort *restrict around, __global short *restrict far,
                           __global int *restrict too_far) {
     const int c = get_global_id(0);
     if (c >= n) return;
+    const Tree tree = TREE_ARGUMENTS;
     const int i = cut_cell[c], other = opposite(i, n_red, n_cells);
     const int3 p = convert_int3(vload3(i, position));
     int exist = 0;
@@ -19,7 +19,7 @@ __kernel void list_around(const int n, const int n_red, const int n_cells, const
         const int like = (row % 3 + row / 3) & 1 ? other : i, unlike = (row % 3 + row / 3) & 1 ? i : other;
         int at[3];
         for (int x = 0; x < 3; x++) {
-            const int code = leaf_code(dims, block, brick, p.x + x - 1, p.y + row % 3 - 1, p.z + row / 3 - 1);
+            const int code = leaf_code(tree, p.x + x - 1, p.y + row % 3 - 1, p.z + row / 3 - 1);
             at[x] = code >= 0 && !(code & 15) ? code >> 4 : -1;
             exist |= (at[x] >= 0) << (3 * row + x);
         }

@@ -1,8 +1,10 @@
 /* body.h -- what rays run through: leaves, cut cells, and what the medium takes from light; lengths in cells.
  *
  * Cut cells count up to the plane of their boundary; cavities and gaps hold no leaves and attenuate nothing. The
- * extinction is per cell width. Needs real.h and lanes.h.
+ * extinction is per cell width. `clearance` has 512 bytes (clearance.cl) for each block that `near` gives a number; of
+ * others, which are of one kind, `near` has -1 - what their cells have at least. Needs real.h and lanes.h.
  */
+#include "tree.h"
 #ifdef HETEROGENEOUS
 #define EXTINCTION __global const REAL4 *restrict extinction, __global const int *restrict depth_start
 #define EXTINCTION_MEMBERS __global const REAL4 *restrict extinction; __global const int *restrict depth_start;
@@ -15,15 +17,15 @@
 
 /* A kernel's parameters, and `const Body body = BODY_ARGUMENTS;` */
 #define BODY \
-    const int4 dims, __global const int *restrict block, __global const int *restrict brick, \
-        __global const uchar *restrict clearance, __global const int *restrict cut_index, \
+    TREE, __global const int *restrict near, __global const uchar *restrict clearance, \
+        __global const int *restrict cut_index, \
         __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal, \
         __global const REAL4 *restrict centroid, EXTINCTION
-#define BODY_ARGUMENTS {dims, block, brick, clearance, cut_index, boundary, normal, centroid, EXTINCTION_ARGUMENTS}
+#define BODY_ARGUMENTS {TREE_ARGUMENTS, near, clearance, cut_index, boundary, normal, centroid, EXTINCTION_ARGUMENTS}
 
 typedef struct {
-    int4 dims;
-    __global const int *restrict block, *restrict brick;
+    Tree tree;
+    __global const int *restrict near;
     __global const uchar *restrict clearance;
     __global const int *restrict cut_index;
     __global const REAL4 *restrict boundary, *restrict normal, *restrict centroid;
@@ -38,8 +40,8 @@ INTN place_of(const int4 dims, const INTN x, const INTN y, const INTN z) {
 
 /* Code of the leaf at a place (tree.h). */
 int code_at(const Body body, const int place) {
-    const int b = body.block[place >> 9];
-    return b < 0 ? -2 - b : body.brick[512 * b + (place & 511)];
+    const int b = body.tree.block[place >> 9];
+    return b < 0 ? -2 - b : code_in(body.tree, b, place & 511);
 }
 
 /* Share of a ray between heights s0 and s1 over a plane that lies below it. */

@@ -60,11 +60,16 @@ void start(Rays *rays, const int4 dims) {
 
 /* Bound the cells that are like those the rays are in; codes of the leaves where these bound them. */
 void look_around(const Body body, Axis *axis, const Ints place, Ints *kind, Ints *code) {
-    for (int l = 0; l < LANES; l++) kind->at[l] = body.clearance[place.at[l]];
+    Ints whole; /* bits of a cell's coordinates that its block's other cells differ in, where these are all alike */
+    for (int l = 0; l < LANES; l++) {
+        const int near = body.near[place.at[l] >> 9];
+        kind->at[l] = near < 0 ? -1 - near : body.clearance[512 * near + (place.at[l] & 511)];
+        whole.at[l] = near < 0 ? 7 : 0;
+    }
     const INTN around = max(kind->all & 127, 1) - 1;
     for (int a = 0; a < 3; a++) {
-        axis[a].low = axis[a].cell.all - around;
-        axis[a].high = axis[a].cell.all + around;
+        axis[a].low = (axis[a].cell.all & ~whole.all) - around;
+        axis[a].high = (axis[a].cell.all | whole.all) + around;
     }
 #ifdef HETEROGENEOUS
     for (int l = 0; l < LANES; l++) code->at[l] = kind->at[l] > 127 ? code_at(body, place.at[l]) : 0;
@@ -83,8 +88,9 @@ void cross_cut_cells(const Body body, const Rays *rays, const Ints place, const 
     const Axis *axis = rays->axis;
     for (int l = 0; l < LANES; l++) {
         if (kind.at[l] || !(t.at[l] < rays->distance.at[l])) continue;
-        code->at[l] = code_at(body, place.at[l]);
-        const int cut = body.cut_index[code->at[l] >> 4];
+        const int finest = finest_in(body.tree, body.tree.block[place.at[l] >> 9], place.at[l] & 511);
+        const int cut = body.cut_index[finest];
+        code->at[l] = 16 * finest;
         const REAL4 p = (REAL4)(axis[0].from.at[l] - axis[0].cell.at[l], axis[1].from.at[l] - axis[1].cell.at[l],
                                 axis[2].from.at[l] - axis[2].cell.at[l], 0);
         const REAL4 to = (REAL4)(axis[0].to.at[l], axis[1].to.at[l], axis[2].to.at[l], 0);
@@ -116,7 +122,7 @@ void attenuate(const Body body, const Reals length, const Ints code, const REALN
 
 Passage march(const Body body, Rays rays) {
     Axis *axis = rays.axis;
-    start(&rays, body.dims);
+    start(&rays, body.tree.dims);
     Passage met;
     met.entry.all = (INTN)(-1);
     met.solid.all = (REALN)(0);
@@ -126,7 +132,7 @@ Passage march(const Body body, Rays rays) {
     while (SOME(convert_INTN(t.all < rays.distance.all))) {
         Ints place, kind, code;
         Reals end, length;
-        place.all = place_of(body.dims, axis[0].cell.all, axis[1].cell.all, axis[2].cell.all);
+        place.all = place_of(body.tree.dims, axis[0].cell.all, axis[1].cell.all, axis[2].cell.all);
         look_around(body, axis, place, &kind, &code);
         const REALN least = way_out(axis);
         end.all = lesser(rays.distance.all, greater(t.all, least));

@@ -7,7 +7,6 @@
  * BLOCKED: opaque triangles stand in the way of the light and of what it scatters.
  */
 #include "real.h"
-#include "tree.h"
 #include "lanes.h"
 #include "body.h"
 #include "beam.h"
@@ -76,7 +75,7 @@ __kernel void scattered_once(const int n, const int n_depths, const REAL h, cons
             REAL4 x = p - s * inside;
             x.w = 0;
             const int4 c = convert_int4(floor(x));
-            code[l] = first + l < n_depths && s < clear ? leaf_code(dims, block, brick, c.x, c.y, c.z) : -1;
+            code[l] = first + l < n_depths && s < clear ? leaf_code(body.tree, c.x, c.y, c.z) : -1;
             const int cut = code[l] < 0 || code[l] & 15 ? -1 : cut_index[code[l] >> 4];
             if (cut >= 0 && dot((x - convert_REAL4(c) - boundary[cut]).xyz, normal[cut].xyz) > 0) code[l] = -1;
             beam[l] = beam_at(light, x);

@@ -6,31 +6,33 @@
  * in the values at the boundary, so that the same shares of them do for every field.
  */
 #include "real.h"
+#include "tree.h"
 
 #define MOST 216 /* cells that a ball of the wider radius touches at most */
 #define ENOUGH 3 /* cut cells for the narrower radius to do */
 
 /* The cut cell at a cell of the finest grid, or -1. */
-int cut_at(const int4 dims, __global const int *restrict block, __global const int *restrict brick,
-           __global const uchar *restrict clearance, __global const int *restrict cut_index, const int x, const int y,
-           const int z) {
+int cut_at(const Tree tree, __global const int *restrict near, __global const uchar *restrict clearance,
+           __global const int *restrict cut_index, const int x, const int y, const int z) {
+    const int4 dims = tree.dims;
     if (x < 0 || y < 0 || z < 0 || x >= dims.x || y >= dims.y || z >= dims.z) return -1;
-    const int b = ((z >> 3) * (dims.y >> 3) + (y >> 3)) * (dims.x >> 3) + (x >> 3);
-    const int place = ((z & 7) * 8 + (y & 7)) * 8 + (x & 7);
-    return clearance[512 * b + place] ? -1 : cut_index[brick[512 * block[b] + place] >> 4];
+    const int b = block_of(dims, x, y, z), place = place_in_block(x, y, z);
+    if (near[b] < 0 || clearance[512 * near[b] + place]) return -1;
+    return cut_index[finest_in(tree, tree.block[b], place)];
 }
 
 /* Up to `width` cut cells that each point counts within the first of two radii that finds enough, their shares in
  * the value, and how many there are. */
 // cost share_at_points: 250R+500 B, 2000 flop
 __kernel void share_at_points(const int n, const int width, const REAL radius_near, const REAL radius_wide,
-                              const int4 dims, __global const int *restrict block, __global const int *restrict brick,
-                              __global const uchar *restrict clearance, __global const int *restrict cut_index,
+                              TREE, __global const int *restrict near, __global const uchar *restrict clearance,
+                              __global const int *restrict cut_index,
                               __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
                               __global const REAL *restrict points, __global const REAL *restrict point_normal,
                               __global int *restrict cut, __global REAL *restrict share, __global int *restrict used) {
     const int v = get_global_id(0);
     if (v >= n) return;
+    const Tree tree = TREE_ARGUMENTS;
     const REAL4 p = (REAL4)(vload3(v, points), 0), n_v = (REAL4)(vload3(v, point_normal), 0);
     const REAL4 seed = fabs(n_v.x) < (REAL)0.6 ? (REAL4)(1, 0, 0, 0) : (REAL4)(0, 1, 0, 0);
     const REAL4 s_axis = normalize(cross(n_v, seed)), t_axis = cross(n_v, s_axis);
@@ -47,12 +49,12 @@ __kernel void share_at_points(const int n, const int width, const REAL radius_ne
         for (int z = low.z; z <= high.z; z++)
             for (int y = low.y; y <= high.y; y++)
                 for (int x = low.x; x <= high.x; x++) {
-                    const int k = cut_at(dims, block, brick, clearance, cut_index, x, y, z);
+                    const int k = cut_at(tree, near, clearance, cut_index, x, y, z);
                     if (k < 0) continue;
                     const REAL4 b = boundary[k];
                     const REAL4 d = (REAL4)(x + b.x - p.x, y + b.y - p.y, z + b.z - p.z, 0) / radius;
-                    const REAL near = dot(normal[k].xyz, n_v.xyz) > 0 ? fmax(1 - dot(d, d), (REAL)0) : 0;
-                    const REAL w = b.w * near * near, s = dot(d, s_axis), t = dot(d, t_axis);
+                    const REAL closeness = dot(normal[k].xyz, n_v.xyz) > 0 ? fmax(1 - dot(d, d), (REAL)0) : 0;
+                    const REAL w = b.w * closeness * closeness, s = dot(d, s_axis), t = dot(d, t_axis);
                     const int slot = min(count, width - 1); /* the next one's where this does not count */
                     cuts[slot] = k;
                     shares[slot] = w;
