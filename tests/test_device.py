@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,9 +85,12 @@ def test_memory_is_counted(device):
     before = device.allocated
     buffer = device.empty((1000, 4))
     assert device.allocated - before == buffer.nbytes == 4000 * device.real.itemsize
-    assert device.peak >= device.allocated
+    held = device.allocated
+    assert device.peak >= held
     del buffer
     assert device.allocated == before
+    device.empty(1)
+    assert device.peak >= held
 
 
 def test_too_large_a_buffer_is_a_device_error(single):
@@ -144,6 +148,30 @@ def test_every_device_was_tried(single):
     assert devices() == [(d.name, d.platform, d.works, d.why_not) for d in found]
     assert all(d.works != bool(d.why_not) for d in found)
     assert [not d.works for d in found] == sorted(not d.works for d in found)
+
+
+def test_gpus_come_before_cpus_and_more_units_before_fewer(monkeypatch):
+    import pyopencl as cl
+
+    def handle(name, kind, units):
+        return SimpleNamespace(name=name, type=kind, max_compute_units=units)
+
+    handles = [handle("cpu", cl.device_type.CPU, 64), handle("small gpu", cl.device_type.GPU, 8),
+               handle("broken gpu", cl.device_type.GPU, 99), handle("large gpu", cl.device_type.GPU, 32)]  # fmt: skip
+    platform = SimpleNamespace(name="vendor", get_devices=lambda: handles)
+    monkeypatch.setattr(cl, "get_platforms", lambda: [platform])
+    monkeypatch.setattr(discovery, "_try", lambda h: "no compiler" if "broken" in h.name else "")
+    names = [found.name for found in find_devices.__wrapped__()]
+    assert names == ["large gpu", "small gpu", "cpu", "broken gpu"]
+
+
+def test_a_kernel_that_fails_is_a_device_error(single, monkeypatch):
+    """OpenCL tells of it by a negative status of what was enqueued last."""
+    import pyopencl as cl
+
+    monkeypatch.setattr(cl, "enqueue_marker", lambda queue: SimpleNamespace(command_execution_status=-5))
+    with pytest.raises(DeviceError, match="failed while it computed"):
+        single.finish()
 
 
 class BrokenDevice:

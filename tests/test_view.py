@@ -120,6 +120,15 @@ def test_axes_are_right_handed_and_up_is_up():
     np.testing.assert_allclose(Camera(np.zeros(3), 1.0, 0, 0, "z").axes()[2], (0, -1, 0))
 
 
+def test_zoom_and_pan_move_as_asked():
+    """Twice as near; a picture's height to the right and half of one up."""
+    camera = Camera(np.zeros(3), 100.0, 50, 20)
+    assert camera.zoomed(2.0).distance == 50.0
+    height = 2 * 100 * np.tan(np.radians(16.0))
+    right, over, _ = camera.axes()
+    np.testing.assert_allclose(camera.panned(1.0, 0.5).target, height * (right + over / 2))
+
+
 def test_lights_turn_around_the_mesh():
     from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 

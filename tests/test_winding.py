@@ -26,7 +26,9 @@ def test_closed_surface_gives_integers(device):
     triangles = trimesh.creation.torus(1.0, 0.4, major_sections=64, minor_sections=32).triangles * 7.0
     points = points_around(triangles)
     got = winding_number(device, triangles, points)
-    np.testing.assert_allclose(got, winding(points, triangles), atol=TOLERANCE)
+    exact = winding(points, triangles)
+    np.testing.assert_allclose(got, exact, atol=TOLERANCE)
+    assert np.abs(got - exact).mean() <= 0.0025
     assert set(np.round(got)) == {0.0, 1.0}
 
 
