@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from clsss.analytic import slab
 from clsss.errors import InputError
 from clsss.materials import (
     Material,
@@ -58,6 +59,13 @@ def test_derived_coefficients():
     reduced = Material.from_reduced(m.sigma_a, m.sigma_s_prime, eta=1.37, g=0.9)
     np.testing.assert_allclose(reduced.sigma_s, m.sigma_s)
     assert [a.shape for a in m.coefficients(POINTS)] == [(200, 3), (200, 3)]
+
+
+@pytest.mark.parametrize("eta", [1.0, 1.4])
+@pytest.mark.parametrize("albedo", [0.5, 0.9, 0.99])
+def test_diffuse_reflectance_is_that_of_a_thick_slab(albedo, eta):
+    exact = slab(60.0, 1 - albedo, albedo, fresnel_A=fresnel_A(eta)).reflectance
+    assert Material(1 - albedo, albedo, eta=eta).diffuse_reflectance == pytest.approx(exact, rel=1e-6)
 
 
 def test_material_cannot_be_changed():
