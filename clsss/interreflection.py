@@ -102,8 +102,8 @@ class Boundary:
         return found
 
 
-class Coupling:
-    """What an exchange does within the V-cycles of an operator (a `multigrid.Coupling`), and its state.
+class PatchCoupling:
+    """What an exchange does within the V-cycles of an operator (a `Coupling`), and its state.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class Coupling:
     B : (p, 4) real, device
         All light that leaves each patch.
     change : (p, 4) real, device
-        How far the last step moved it.
+        How far the last step moved it; `respond` uses it up.
     """
 
     def __init__(self, device: Device, op: Operator, exchange: Exchange):
@@ -139,9 +139,7 @@ class Coupling:
         self._share_above = SparseMatrix(device, above[-1].share)
         p = exchange.share.shape[0]
         self.B, self.change = device.zeros((p, CHANNELS)), device.zeros((p, CHANNELS))
-        self._at_once, self._more, self._next, self._sum, self._entered = (
-            device.empty((p, CHANNELS)) for _ in range(5)
-        )
+        self._more, self._next, self._entered = (device.empty((p, CHANNELS)) for _ in range(3))
         # what solving `level` changes of right-hand sides: at its cells over cut ones, at leaves next to finer cells
         cells = [*(level.interface for level in levels[: self.level]), self._above[self.level][0]]
         self._changed = [(k, at, device.empty((at.shape[0], CHANNELS))) for k, at in enumerate(cells) if at.shape[0]]
@@ -163,10 +161,10 @@ class Coupling:
     def step(self, phi_B: Buffer, held: Buffer) -> None:
         """B <- J.n + F B, for fluence (n_cut, 4) at the boundary, and J.n (p, 4) of what is `held`."""
         self._arriving.multiply(1, self.B, self._next, held)
-        self._share.multiply(1 / (2 * self.op.medium.fresnel_A), phi_B, self._sum, self._next)
-        self.change.copy_from(self.B)
-        self._combine(1, self._sum, -1, self.change)
-        self.B.copy_from(self._sum)
+        self._share.multiply(1 / (2 * self.op.medium.fresnel_A), phi_B, self.change, self._next)
+        self._next.copy_from(self.B)
+        self.B.copy_from(self.change)
+        self._combine(-1, self._next, 1, self.change)
 
     def _combine(self, a: float, x: Buffer, b: float, y: Buffer) -> None:
         """Overwrite y with a x + b y, (p, 4) each."""
@@ -180,9 +178,11 @@ class Coupling:
         m = cell.shape[0]
         for j, cells, kept in self._changed:
             run(self._take, cells.shape[0], cells.shape[0], cells, r[j], kept)
+        at_once = self.change  # what comes out of it before `level` has answered to it
         self._entering.multiply(1, self.change, self._entered)
         self._arriving.multiply(1, self.change, self._next)
-        run(self._subtract, p, p, self._giving, self._entered, self._next, self._at_once)
+        run(self._subtract, p, p, self._giving, self._entered, self._next)
+        at_once.copy_from(self._next)
         self._more.fill(0)
         self._entered.fill(0)
         for passage in range(PASSAGES):
@@ -191,10 +191,10 @@ class Coupling:
                     run(self._put, cells.shape[0], cells.shape[0], cells, kept, r[j])
                 self.let_in(k, r[k])
             solve()
+            self._arriving.multiply(1, self._more, self._next, at_once)
             run(self._leave, m, m, cell, self._leaving, e[k], at)
-            self._share_above.multiply(1, at, self._next, self._at_once)
-            self._arriving.multiply(1, self._more, self._sum, self._next)
-            run(self._subtract, p, p, self._giving, self._entered, self._sum, self._more)
+            self._share_above.multiply(1, at, self._more, self._next)
+            run(self._subtract, p, p, self._giving, self._entered, self._more)
             self._entering.multiply(1, self._more, self._entered)
         self._combine(1, self._more, 1, self.B)
 
@@ -213,7 +213,7 @@ class Interreflection:
 
     Parameters
     ----------
-    coupling : Coupling
+    coupling : PatchCoupling
     residual : Residual
         Its wall is the source's.
     source : Source
@@ -221,7 +221,7 @@ class Interreflection:
         The solution that it follows.
     """
 
-    def __init__(self, coupling: Coupling, residual: Residual, source: Source, phi: Field):
+    def __init__(self, coupling: PatchCoupling, residual: Residual, source: Source, phi: Field):
         self.coupling, self.residual, self.r_B = coupling, residual, source.moment
         device = coupling.device
         self._held, self._phi_B = device.zeros(coupling.B.shape), device.empty(self.r_B.shape)

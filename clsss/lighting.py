@@ -18,7 +18,7 @@ from scipy import sparse
 from clsss.device import Device
 from clsss.diffusion import Coefficients, Field, cell_points
 from clsss.exchange import Exchange
-from clsss.interreflection import Coupling, Interreflection, boundary_flux
+from clsss.interreflection import Interreflection, PatchCoupling, boundary_flux
 from clsss.layer import Layer
 from clsss.materials import fresnel_moments
 from clsss.mesh import Mesh
@@ -50,9 +50,9 @@ class Scene:
     bytes_before: int  # that other results held on the device
 
     @cached_property
-    def coupling(self) -> Coupling | None:
+    def coupling(self) -> PatchCoupling | None:
         """The exchange on the device."""
-        return Coupling(self.device, self.multigrid.op, self.exchange) if self.exchange else None
+        return PatchCoupling(self.device, self.multigrid.op, self.exchange) if self.exchange else None
 
     @cached_property
     def at_vertices(self) -> sparse.csr_matrix:

@@ -33,10 +33,10 @@ __kernel void enter(const int n, __global const int *restrict cell, __global con
     if (i < n) r[cell[i]] += conductance[i] * arriving[i];
 }
 
-/* z = y - k x */
+/* y -= k x */
 // cost subtract_scaled: 16R B, 8 flop
 __kernel void subtract_scaled(const int n, __global const REAL4 *restrict k, __global const REAL4 *restrict x,
-                              __global const REAL4 *restrict y, __global REAL4 *restrict z) {
+                              __global REAL4 *restrict y) {
     const int i = get_global_id(0);
-    if (i < n) z[i] = y[i] - k[i] * x[i];
+    if (i < n) y[i] -= k[i] * x[i];
 }

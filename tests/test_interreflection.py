@@ -7,7 +7,7 @@ import pytest
 from shapes import box_triangles, build_operator, build_tree, flask, hollow_sphere, solid
 
 from clsss.exchange import trace_exchange
-from clsss.interreflection import Boundary, Coupling
+from clsss.interreflection import Boundary, PatchCoupling
 from clsss.lights import DirectionalLight
 from clsss.materials import Material, material
 from clsss.mesh import Mesh, load_mesh
@@ -66,7 +66,7 @@ def test_light_that_passes_within_a_cycle_saves_cycles_and_changes_nothing(monke
     arguments = (flask(), DENSE, [DirectionalLight((0.3, -1, 0.2))])
     options = {"resolution": resolution, "precision": "double", "tolerance": 1e-8}
     result = simulate(*arguments, **options)
-    monkeypatch.setattr(Coupling, "respond", lagging)
+    monkeypatch.setattr(PatchCoupling, "respond", lagging)
     slow = simulate(*arguments, **options)
     np.testing.assert_allclose(result.vertex_radiosity, slow.vertex_radiosity, rtol=2e-6)
     assert result.report["solve"]["factor"] <= 0.16
