@@ -74,3 +74,8 @@ def __getattr__(name: str) -> Any:
     value = getattr(importlib.import_module(f"clsss.{_MODULE_OF[name]}"), name)
     globals()[name] = value
     return value
+
+
+def __dir__() -> list[str]:
+    """The public names, also those not imported yet: for completion."""
+    return sorted([*__all__, "__version__"])

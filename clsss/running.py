@@ -25,13 +25,13 @@ T = TypeVar("T")
 STOPPED = 130
 # Shares of a typical bake's time, so that one bar runs evenly over all stages.
 _STAGES = {
-    "device": 0.02,
-    "cut cells": 0.03,
-    "octree": 0.1,
-    "exchange": 0.3,
-    "source": 0.22,
-    "single": 0.15,
-    "solve": 0.15,
+    "device": 0.05,
+    "cut cells": 0.14,
+    "octree": 0.25,
+    "exchange": 0.2,
+    "source": 0.1,
+    "single": 0.1,
+    "solve": 0.13,
     "surface": 0.03,
 }
 

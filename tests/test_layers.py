@@ -140,3 +140,10 @@ def test_help_waits_for_nothing(words, code):
     assert done.returncode == code
     assert "numpy" not in re.findall(r"\| +([\w.]+)$", done.stderr, flags=re.M)
     assert "clsss.options" in done.stderr
+
+
+def test_every_public_name_is_there():
+    import clsss
+
+    assert set(clsss.__all__) < set(dir(clsss))
+    assert all(getattr(clsss, name) is not None for name in clsss.__all__)
