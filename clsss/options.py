@@ -57,7 +57,8 @@ LIGHT_HELP = """lights (--light, repeatable; several add up):
   directional:DX,DY,DZ[:E]   parallel light that travels along DX,DY,DZ; E in W/mm^2, one number or R,G,B (1)
   point:X,Y,Z[:I]            lamp at X,Y,Z mm of the mesh's frame; I in W/sr, one number or R,G,B
   point:X,Y,Zb[:I]           the same in half-sides of the bounding box from its centre: 0,1.5,0b is above it;
-                             without I, a lamp gives 1 W/mm^2 at the centre of the box
+                             without I, a lamp gives 1 W/mm^2 at the centre of the box, and where it is nearer to
+                             that than any side, at the distance of the nearest
   env:FILE.hdr               light from all around, an equirectangular picture (.hdr .exr .png .jpg), W/mm^2/sr
   env:L or env:R,G,B         the same light from everywhere
 without --light: a light from behind and a weak one from the front

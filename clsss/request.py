@@ -194,4 +194,5 @@ def _light(option: LightOption, mesh: Mesh, up: str) -> Light:
     low, high = mesh.bounds
     centre = (low + high) / 2
     position = centre + vector * (high - low) / 2 if option.in_box else vector
-    return PointLight(position, strength if option.strength else np.sum((position - centre) ** 2))
+    away = max(np.linalg.norm(position - centre), (high - low).min() / 2)
+    return PointLight(position, strength if option.strength else away**2)

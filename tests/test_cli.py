@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import shlex
@@ -78,6 +79,12 @@ def test_point_light_in_mm_and_in_half_sides_of_the_box():
     centre, half = mesh.bounds.mean(axis=0), np.ptp(mesh.bounds, axis=0) / 2
     np.testing.assert_allclose(above.position - centre, (0, 1.5 * half[1], 0), atol=1e-12)
     np.testing.assert_allclose(above.intensity, (1.5 * half[1]) ** 2)  # 1 W/mm^2 at the centre
+
+
+def test_a_lamp_at_the_centre_shines():
+    mesh = box()
+    (lamp,) = request.lights_from(parsed("--light", "point:0,0,0b"), mesh)
+    np.testing.assert_allclose(lamp.intensity, (np.ptp(mesh.bounds, axis=0).min() / 2) ** 2)
 
 
 def test_default_lights_follow_the_up_axis():
@@ -352,7 +359,8 @@ def test_blockers_scale_with_the_mesh(tmp_path):
 
 def test_no_light_is_said(monkeypatch):
     report = {"energy": {"deposited_W": [0.0, 0.0, 0.0]}}
-    monkeypatch.setattr("clsss.simulate.simulate", lambda *args, **options: SimpleNamespace(report=report))
+    module = importlib.import_module("clsss.simulate")  # by its path it may be the function of that name
+    monkeypatch.setattr(module, "simulate", lambda *args, **options: SimpleNamespace(report=report))
     mesh = SimpleNamespace(**vars(box()), report={"scale": 1.0})
     with pytest.warns(UserWarning, match="no light enters"):
         running.bake(parsed("--light", "directional:0,0,1:0"), mesh, None)
