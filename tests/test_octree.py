@@ -26,6 +26,8 @@ from shapes import (
 
 from clsss import diffusion
 from clsss.coarsening import DENSE
+from clsss.cutcell import Grid
+from clsss.leafmap import clearance_map
 
 STEPS = np.array([(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)])
 
@@ -296,3 +298,21 @@ def test_points_are_inside_their_cells(tree):
     for points, level in zip(diffusion.cell_points(tree), tree.levels, strict=True):
         local = tree.grid.to_cells(points) / 2**level.depth - level.ijk
         assert -1e-5 <= local.min() <= local.max() <= 1 + 1e-5
+
+
+def test_clearance_is_the_distance_to_another_kind(device):
+    """Chessboard distance up to 15, in every cell of blocks of several kinds, the least of all in others."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(2).normal(size=(64, 40, 48)), 7)
+    kind = np.where(np.abs(noise) < 0.0005, 0, np.where(noise > 0, 129, 1))
+    expected = np.zeros(kind.shape, int)
+    for value in (1, 129):
+        padded = np.pad(kind == value, 20, mode="edge")
+        distance = ndimage.distance_transform_cdt(padded, "chessboard")[20:-20, 20:-20, 20:-20]
+        expected = np.where(kind == value, (value & 128) + np.minimum(distance, 15), expected)
+    blocks = expected.reshape(8, 8, 5, 8, 6, 8).transpose(0, 2, 4, 1, 3, 5).reshape(-1, 512)
+    grid = Grid(np.zeros(3), 1.0, (48, 40, 64))
+    near, clearance = (found.get() for found in clearance_map(device, grid, kind == 129, kind == 0))
+    mixed = near >= 0
+    assert 50 < mixed.sum() < len(near) - 10
+    np.testing.assert_array_equal(clearance[near[mixed]], blocks[mixed])
+    np.testing.assert_array_equal(-1 - near[~mixed], blocks[~mixed].min(axis=1))
