@@ -43,21 +43,3 @@ int code_at(const Body body, const int place) {
     const int b = body.tree.block[place >> 9];
     return b < 0 ? -2 - b : code_in(body.tree, b, place & 511);
 }
-
-/* Share of a ray between heights s0 and s1 over a plane that lies below it. */
-REAL share_below(const REAL s0, const REAL s1) {
-    const REAL low = s0 < s1 ? s0 : s1, high = s0 < s1 ? s1 : s0, rise = high - low;
-    const REAL share = -low / (rise > (REAL)1e-30 ? rise : (REAL)1e-30);
-    return share < 0 ? 0 : share < 1 ? share : 1;
-}
-
-/* Share inside cut cell `cut` of the ray p + s dir, s from t to end; p from the cell's corner. */
-REAL share_inside(const Body body, const int cut, const REAL4 p, const REAL4 dir, const REAL t, const REAL end) {
-    const REAL4 n = body.normal[cut], b = body.boundary[cut];
-    if (dot(n, n) < (REAL)0.25 * b.w * b.w) return body.centroid[cut].w; /* two sheets have no one plane */
-    const REAL height = dot((p - b).xyz, n.xyz), rise = dot(dir.xyz, n.xyz);
-#ifdef OUTSIDE
-    if (rise > 0) return 0; /* a ray that starts under the skin comes out of it */
-#endif
-    return share_below(height + t * rise, height + end * rise);
-}

@@ -7,6 +7,7 @@ import re
 
 import pytest
 
+from clsss.device import Device
 from clsss.kernelsource import KERNEL_DIR, kernel_source
 
 FILES = sorted(path.stem for path in KERNEL_DIR.glob("*.cl"))
@@ -50,3 +51,12 @@ def test_every_kernel_builds(device, file):
     for defines in itertools.chain.from_iterable(itertools.combinations(switches, k) for k in range(3)):
         for name in KERNEL.findall(code_of(f"{file}.cl")):
             assert device.kernel(file, name, *defines).function_name == name
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_rays_build_one_by_one(precision):
+    """As GPUs take them, whose work-items are the lanes."""
+    device = Device(None, precision)
+    device.lanes = 1
+    for file, name in (("attenuate", "beam_in_cells"), ("seen", "first_met"), ("single", "scattered_once")):
+        assert device.kernel(file, name).function_name == name
