@@ -11,50 +11,13 @@
 #include "real.h"
 #include "face.h"
 #include "beam.h"
+#include "facing.h"
 #include "position.h"
 #include "conductance.h"
 #include "layer.h"
 #include "mean.h"
 #include "carried.h"
-
-/* Unit vector to the light from the middle of face f of the cell at `corner`, `width` cells of the finest grid wide. */
-REAL4 towards_light(const REAL4 light, const REAL4 corner, const REAL width, const int f) {
-    const int axis = f >> 1, up = f & 1;
-    REAL4 p = corner + width / 2;
-    if (axis == 0) p.x = corner.x + up * width;
-    if (axis == 1) p.y = corner.y + up * width;
-    if (axis == 2) p.z = corner.z + up * width;
-    p.w = 0;
-    return beam_at(light, p).towards;
-}
-
-/* omega . e_out for face f. */
-REAL outward(const REAL4 towards, const int f) {
-    const int axis = f >> 1;
-    const REAL along = axis == 0 ? towards.x : axis == 1 ? towards.y : towards.z;
-    return f & 1 ? -along : along;
-}
-
-/* F of a cell carried by tau (cells) within a face: light that enters through the boundary of a cut cell falls with the
- * depth under it, and is nowhere more than what enters. Where it grazes, other cells let it in. */
-REAL4 carried_along(const REAL4 F, const int cut, const REAL4 tau, const REAL4 towards, const REAL4 extinction,
-                    __global const REAL4 *restrict normal, __global const REAL4 *restrict F_B) {
-    if (cut < 0) return F;
-    const REAL4 n = unit_normal(normal[cut]);
-    const REAL mu = dot(towards.xyz, n.xyz);
-    if (mu <= 0) return F;
-    return fmin(F * exp(extinction * (dot(tau.xyz, n.xyz) / fmax(mu, (REAL)0.1))), fmax(F_B[cut], F));
-}
-
-/* What neither the centroid gets of a beam between the surface (irradiance u) and itself (v), nor r_B. */
-REAL4 lost_below(const REAL4 u, const REAL4 v, const REAL4 x2, const REAL d, const REAL4 D, const REAL4 a,
-                 const REAL4 own, const REAL fresnel_A) {
-    const REAL4 x = sqrt(x2), e = exp(x), rising = log_mean(u, v * e), falling = log_mean(u, v / e);
-    const REAL4 to_surface = d / D * (a * sinh_over(x2) * u - own / 2 * (e * falling + rising / e));
-    const REAL4 to_centroid = 2 * fresnel_A * (a * u + own * x / 2 * (rising - falling)) +
-                              own * (d / D / 2) * (rising + falling);
-    return a * u - (to_surface / cosh(x) + to_centroid) / resistance(x2, d, D, fresnel_A);
-}
+#include "subsurface.h"
 
 /* Q on the finest level. */
 // cost deposit_finest: 90R+28M+50 B, 300 flop
