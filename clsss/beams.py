@@ -69,21 +69,22 @@ class Beams:
     medium : Coefficients
     blockers : RayCaster, optional
         Opaque bodies in front of the lights.
+    lent : tuple of Field, optional
+        Where to add deposits up, and where the beams may leave their irradiance.
     """
 
-    def __init__(
-        self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None = None
-    ):
+    def __init__(self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None = None,
+                 lent: tuple[Field, Field] | None = None):  # fmt: skip
         self.blockers = blockers
         self.device, self.octree, self.medium = device, octree, medium.on_device(device)
         n_cut = octree.cut.n
-        self.Q = Field(device, octree)
+        self.Q, self._F = lent or (Field(device, octree), Field(device, octree))
+        self.Q.whole.fill(0)
         self.moment = device.zeros((n_cut, CHANNELS))
         self.wall = device.zeros((n_cut, CHANNELS)) if medium.g else None
         self.lost = device.zeros((n_cut, CHANNELS))
         self.incident = np.zeros(3)
         self._order, self._cut_order = (device.array(order) for order in brick_order(octree))
-        self._F = Field(device, octree)
         self._F_B = device.empty((n_cut, CHANNELS))
         self._body = (*octree.body, *extinction(device, octree, medium))
 

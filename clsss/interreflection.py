@@ -23,9 +23,9 @@ from clsss.sparsematrix import SparseMatrix
 PASSAGES = 3  # of light between parts of the surface, within each cycle
 
 
-def boundary_flux(residual: Residual, phi: Field, moment: Buffer) -> np.ndarray:
-    """J.n (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
-    phi_B = residual.device.empty(moment.shape)
+def boundary_flux(residual: Residual, phi: Field, moment: Buffer, phi_B: Buffer | None = None) -> np.ndarray:
+    """J.n (n_cut, 3) at the boundary of the cut cells, for a complete `phi`; `phi_B` is overwritten."""
+    phi_B = phi_B or residual.device.empty(moment.shape)
     residual.take_boundary_value(phi, moment, phi_B)
     return phi_B.get()[:, :3].astype(float) / (2 * residual.op.medium.fresnel_A)
 
@@ -224,7 +224,7 @@ class Interreflection:
     def __init__(self, coupling: PatchCoupling, residual: Residual, source: Source, phi: Field):
         self.coupling, self.residual, self.r_B = coupling, residual, source.moment
         device = coupling.device
-        self._held, self._phi_B = device.zeros(coupling.B.shape), device.empty(self.r_B.shape)
+        self._held = device.zeros(coupling.B.shape)
         coupling.B.fill(0)
         self._update = device.capture(lambda: self._enqueue_update(phi))
 
@@ -239,8 +239,9 @@ class Interreflection:
         self.coupling.change.set(channels(values[len(values) // 2 :]))
 
     def _enqueue_update(self, phi: Field) -> None:
-        self.residual.take_boundary_value(phi, self.coupling.boundary_moment(self.r_B), self._phi_B)
-        self.coupling.step(self._phi_B, self._held)
+        phi_B = moment = self.coupling.boundary_moment(self.r_B)
+        self.residual.take_boundary_value(phi, moment, phi_B)
+        self.coupling.step(phi_B, self._held)
 
     def update(self) -> float:
         """One step of the exchange; how far B moved, relative to its size."""
@@ -273,7 +274,8 @@ class Interreflection:
     def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
         """J.n and H_t (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
         exchange = self.coupling.exchange
-        flux = boundary_flux(self.residual, phi, self.coupling.boundary_moment(self.r_B))
+        phi_B = moment = self.coupling.boundary_moment(self.r_B)
+        flux = boundary_flux(self.residual, phi, moment, phi_B)
         return flux, exchange.blend @ (exchange.entering @ self.leaving)
 
     @property

@@ -26,8 +26,7 @@ from clsss.multigrid import Convergence, Multigrid
 from clsss.octree import Octree
 from clsss.rays import RayCaster
 from clsss.single import split
-from clsss.source import Source, light_unit, make_source
-from clsss.surface import shares_at
+from clsss.source import Deposit, light_unit, make_source
 
 Progress = Callable[[str, float], None]
 
@@ -43,6 +42,7 @@ class Scene:
     multigrid: Multigrid
     layer: Layer | None
     exchange: Exchange | None
+    at_vertices: sparse.csr_matrix  # (v, n_cut): carries values at the boundary of the cut cells to the vertices
     blockers: tuple[Mesh, ...]
     shadows: RayCaster | None
     split: bool  # whether light scattered once is traced on its own
@@ -55,9 +55,9 @@ class Scene:
         return PatchCoupling(self.device, self.multigrid.op, self.exchange) if self.exchange else None
 
     @cached_property
-    def at_vertices(self) -> sparse.csr_matrix:
-        """What carries values at the boundary of the cut cells to the vertices of the mesh (v, n_cut)."""
-        return shares_at(self.device, self.octree, self.mesh.vertices, self.mesh.normals)
+    def right_hand_side(self) -> Field:
+        """Of one set of lights after the other: no solution needs it any more."""
+        return Field(self.device, self.octree)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Solution:
     moment : (n_cut, 3) float64, or None
         First moment at the boundary of all its sources, light from other parts of the surface included, where the
         books of a fitted layer need it.
-    source : Source
+    source : Deposit
     convergence : Convergence
     """
 
@@ -93,7 +93,7 @@ class Solution:
     once: np.ndarray | None
     leaving: np.ndarray
     moment: np.ndarray | None
-    source: Source
+    source: Deposit
     convergence: Convergence
 
 
@@ -121,7 +121,8 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     unit = light_unit(list(lights), scene.mesh.size)
     with timed("source", seconds, tell):
         source = make_source(
-            device, octree, medium, list(lights), unit, scene.shadows, lambda f: tell("source", f)
+            device, octree, medium, list(lights), unit, scene.shadows, lambda f: tell("source", f),
+            (scene.right_hand_side, scene.multigrid.e),
         )
     once, kept = None, np.zeros(3)
     if scene.split:
@@ -145,7 +146,8 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     exitance, fluence = flux + entering, 2 * medium.fresnel_A * flux + gain * (entering + kept)
     leaving = follower.leaving if follower else np.zeros((0, 3))
     moment = source.moment.get()[:, :3] - gain * entering if scene.layer else None
-    return Solution(unit, phi, flux, exitance, fluence, once, leaving, moment, source, convergence)
+    deposit = Deposit(source.wall, source.deposited, source.incident, source.lost)
+    return Solution(unit, phi, flux, exitance, fluence, once, leaving, moment, deposit, convergence)
 
 
 def interpolate(scene: Scene, solution: Solution, points: np.ndarray) -> np.ndarray:

@@ -113,7 +113,7 @@ class Residual:
         return phi_B
 
     def take_boundary_value(self, phi: Field, moment: Buffer, phi_B: Buffer) -> None:
-        """As `boundary_value`, for a complete `phi`, into `phi_B`."""
+        """As `boundary_value`, for a complete `phi`, into `phi_B`, which may be `moment`."""
         op, cut = self.op, self.op.octree.cut
         self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D[-1],
                         op.medium.fitted, cut.cell, cut.centroid, cut.boundary, cut.normal, self.slope, moment, phi[-1],

@@ -260,7 +260,9 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         opaque = opaque_triangles(blockers)
         shadows = None if opaque is None else RayCaster(opaque)
         coupling = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
-    scene = Scene(dev, mesh, tree, coefficients, multigrid, layer, coupling, tuple(blockers), shadows,
+    with timed("surface", seconds, _reporter(None)):  # the device holds less now than when it has solved
+        at_vertices = shares_at(dev, tree, mesh.vertices, mesh.normals)
+    scene = Scene(dev, mesh, tree, coefficients, multigrid, layer, coupling, at_vertices, tuple(blockers), shadows,
                   scattering == "split", tolerance, before)  # fmt: skip
     return _bake(scene, medium, lights, None, seconds, start, tell)
 
@@ -280,8 +282,7 @@ def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | N
         advice = "use double precision" if scene.device.precision == "single" else "allow a larger tolerance"
         text = f"the solve stopped after {solution.convergence.cycles} cycles at a residual of {worst:.1e}, short of "
         warnings.warn(text + f"the tolerance {scene.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=4)
-    report = account(scene, solution, seconds)
-    return Result(mesh, medium, lights, radiosity, fluence, report, single, scene, solution)
+    return Result(mesh, medium, lights, radiosity, fluence, account(scene, solution, seconds), single, scene, solution)
 
 
 def _at_surface(shares: sparse.csr_matrix, unit: float, *fields: np.ndarray) -> list[np.ndarray]:

@@ -27,15 +27,11 @@ ENVIRONMENT_BEAMS = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
-    """Right-hand side of the diffusion equation.
+class Deposit:
+    """What is asked of a source once the equation is solved.
 
     Attributes
     ----------
-    b : Field
-        What each leaf receives, in the operator's scale.
-    moment : (n_cut, 4) real, device
-        First moment r_B of the source between centroid and surface [W/mm^2].
     wall : (n_cut, 4) real, device, or None where g = 0
         3 D q1 . n at the boundary [W/mm^2].
     deposited, incident : (3,) float
@@ -44,12 +40,26 @@ class Source:
         Part of what is deposited that is absorbed before it gets to a centroid or the surface [W].
     """
 
-    b: Field
-    moment: Buffer
     wall: Buffer | None
     deposited: np.ndarray
     incident: np.ndarray
     lost: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Source(Deposit):
+    """Right-hand side of the diffusion equation.
+
+    Attributes
+    ----------
+    b : Field
+        What each leaf receives, in the operator's scale.
+    moment : (n_cut, 4) real, device
+        First moment r_B of the source between centroid and surface [W/mm^2].
+    """
+
+    b: Field
+    moment: Buffer
 
 
 def _add_emission(beams: Beams, light: Emission, unit: float) -> np.ndarray:
@@ -92,8 +102,8 @@ def light_unit(lights: list[Any], size: float) -> float:
 
 
 def make_source(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float,
-                blockers: RayCaster | None = None,
-                progress: Callable[[float], None] | None = None) -> Source:  # fmt: skip
+                blockers: RayCaster | None = None, progress: Callable[[float], None] | None = None,
+                lent: tuple[Field, Field] | None = None) -> Source:  # fmt: skip
     """Deposit of all lights, in multiples of `unit` [W/mm^2].
 
     Parameters
@@ -106,12 +116,14 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         Opaque bodies in front of the lights.
     progress : callable, optional
         Called with the fraction done.
+    lent : tuple of Field, optional
+        Where the right-hand side shall lie, and one to overwrite.
 
     Returns
     -------
     Source
     """
-    beams, lost = Beams(device, octree, medium, blockers), np.zeros(3)
+    beams, lost = Beams(device, octree, medium, blockers, lent), np.zeros(3)
     collimated: list[Any] = []
     for light in lights:
         if isinstance(light, EnvironmentLight):
@@ -131,7 +143,7 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         n = b.whole.shape[0]
         device.run(device.kernel("moment", "right_hand_side"), n, n, medium.D[-1], b.whole)
     subtract_moment(device, octree, medium, beams.moment, b[-1])
-    return Source(b, beams.moment, beams.wall, deposited * unit, beams.incident * unit, lost * unit)
+    return Source(beams.wall, deposited * unit, beams.incident * unit, lost * unit, b, beams.moment)
 
 
 def subtract_moment(device: Device, octree: Octree, medium: Coefficients, moment: Buffer, b: Buffer) -> None:

@@ -83,13 +83,14 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
     r[i] = sum;
 }
 
-/* phi_B = 2A (p + r_B) / (2A + d/D), or as fitted, r_B the source's moment between the centroid and the surface. */
+/* phi_B = 2A (p + r_B) / (2A + d/D), or as fitted, r_B the source's moment between the centroid and the surface.
+ * It may take the place of the moment. */
 // cost boundary_value: 40R+2M+8 B, 60 flop
 __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                              __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                             __global const REAL *restrict slope, __global const REAL4 *restrict moment,
-                             __global const REAL4 *restrict x, __global REAL4 *restrict phi_B) {
+                             __global const REAL *restrict slope, __global const REAL4 *moment,
+                             __global const REAL4 *restrict x, __global REAL4 *phi_B) {
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
