@@ -48,21 +48,14 @@ def in_slab(depths):
     return local @ ROTATION.T
 
 
-def test_slab_fluence_inside(wide_slab):
+@pytest.mark.parametrize(("first", "last", "bar"), [(0.3, 3.7, 0.01), (3.85, 3.98, 0.012)], ids=["inside", "cut cells"])
+def test_slab_fluence(wide_slab, first, last, bar):
+    """Also between the centroids of the cut cells, which are a third of a millimetre wide, and the far side."""
     result, exact, T = wide_slab
-    depths = np.linspace(0.3, 3.7, 40)
+    depths = np.linspace(first, last, 40)
     found = result.fluence(in_slab(depths))
     for channel, solution in enumerate(exact):
-        assert relative_rms(found[:, channel], T * solution.phi(depths)) <= 0.01
-
-
-def test_slab_fluence_within_cut_cells(wide_slab):
-    """On the far side, from the centroids of the cut cells (a third of a millimetre wide) to the surface."""
-    result, exact, T = wide_slab
-    depths = np.linspace(3.85, 3.98, 40)
-    found = result.fluence(in_slab(depths))
-    for channel, solution in enumerate(exact):
-        assert relative_rms(found[:, channel], T * solution.phi(depths)) <= 0.012
+        assert relative_rms(found[:, channel], T * solution.phi(depths)) <= bar
 
 
 def test_slab_reflectance_and_transmittance(wide_slab):
