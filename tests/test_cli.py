@@ -10,7 +10,6 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -263,7 +262,7 @@ STUCK = """
 import sys, time, types
 from clsss import cli, running
 running.load = lambda args: None
-running.bake = lambda args, mesh, progress: (print("baking", flush=True), time.sleep(60))
+running.bake = lambda args, mesh, progress: (print("baking", flush=True), time.sleep(3600))
 cli.main()
 """
 
@@ -272,10 +271,11 @@ def test_interrupt_ends_a_bake_at_once(tmp_path):
     words = [sys.executable, "-c", STUCK, "bake", "x.ply", "-o", str(tmp_path / "x.glb")]
     process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "baking\n"
-    start = time.monotonic()
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=10)
-    assert time.monotonic() - start < 1
+    try:
+        _, errors = process.communicate(timeout=60)  # the bake would take an hour
+    finally:
+        process.kill()
     assert (process.returncode, errors) == (130, "")
     assert os.listdir(tmp_path) == []
 

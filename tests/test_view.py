@@ -162,15 +162,15 @@ def test_baker_reports_mesh_then_results_and_takes_the_last_lights(monkeypatch):
     for lights in ("dropped", "last"):
         baker.wishes.put(lights)
     baker.start()
-    assert baker.events.get(timeout=5) == "mesh"
-    assert [baker.events.get(timeout=5).result.lights for _ in range(2)] == ["first", "last"]
+    assert baker.events.get(timeout=60) == "mesh"
+    assert [baker.events.get(timeout=60).result.lights for _ in range(2)] == ["first", "last"]
 
 
 def test_baker_hands_over_its_error(monkeypatch):
     monkeypatch.setattr("clsss.baker.load", lambda args: [][0])
     baker = Baker(LOOKING, threading.Event().set)
     baker.start()
-    assert isinstance(baker.events.get(timeout=5), IndexError)
+    assert isinstance(baker.events.get(timeout=60), IndexError)
 
 
 @pytest.mark.parametrize("text", ["1", "1,2,3,4", "0,90", "0,0,0", "a,b"])
@@ -231,12 +231,12 @@ def test_exposure_follows_the_camera(monkeypatch, square):
     monkeypatch.setattr("clsss.baker.bake", lambda args, mesh, progress: baked)
     baker = Baker(LOOKING, lambda: None)
     baker.start()
-    assert baker.events.get(timeout=5) == "mesh"
-    front = baker.events.get(timeout=5)
+    assert baker.events.get(timeout=60) == "mesh"
+    front = baker.events.get(timeout=60)
     assert front.scale == pytest.approx(display_scale(box, baked.vertex_radiosity, np.array([0, 0, 1.0])))
     baker.camera = baker.camera.orbited(180, 0)
     baker.wishes.put(None)
-    back = baker.events.get(timeout=5)
+    back = baker.events.get(timeout=60)
     assert back.result is baked
     assert back.scale == pytest.approx(10 * front.scale)
 
@@ -253,10 +253,10 @@ def test_what_is_scattered_once_follows_the_camera(monkeypatch):
     monkeypatch.setattr("clsss.baker.bake", lambda args, mesh, progress: baked)
     baker = Baker(LOOKING, lambda: None)
     baker.start()
-    assert baker.events.get(timeout=5) == "mesh"
-    seen = [baker.events.get(timeout=5).radiosity[0, 0] / np.pi for _ in range(2)]
+    assert baker.events.get(timeout=60) == "mesh"
+    seen = [baker.events.get(timeout=60).radiosity[0, 0] / np.pi for _ in range(2)]
     np.testing.assert_allclose(seen, [GLANCE, LOOK])
     baker.camera = Camera(np.array([100.0, 0, 0]), 0.0)
     baker.wishes.put(None)
-    seen = [baker.events.get(timeout=5).radiosity[0, 0] / np.pi for _ in range(2)]
+    seen = [baker.events.get(timeout=60).radiosity[0, 0] / np.pi for _ in range(2)]
     np.testing.assert_allclose(seen, [100 + GLANCE, 100 + LOOK])
