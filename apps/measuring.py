@@ -75,7 +75,7 @@ class Recorder(Device):
         self.busy = busy
         self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         self.launches: dict[str, Launch] = {}
-        variants: tuple[tuple[str, ...], ...] = ((), ("HETEROGENEOUS",))
+        variants: tuple[tuple[str, ...], ...] = ((), ("HETEROGENEOUS",), ("HETEROGENEOUS", "FITTED"))
         self.costs = {defines: declared_costs(self.real.itemsize, defines) for defines in variants}
         self._sources: dict[Any, tuple[str, tuple[str, ...]]] = {}
         self.recording = True

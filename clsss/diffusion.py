@@ -35,12 +35,14 @@ class Coefficients:
 
     Attributes
     ----------
-    D : list of (n, 3) real, device, or of REAL4
+    D : list of (n, 3) real, on the host or (`on_device`) the device, or of REAL4
         Diffusion coefficient [mm] of each level.
-    sigma_a, sigma_s : list of (n, 3) real, on the host or (`on_device`) the device, or of REAL4
-        Absorption, and scattering out of the beam, sigma_s* = (1 - f) sigma_s [1/mm]. No solve needs them.
+    sigma_a, sigma_s : likewise
+        Absorption, and scattering out of the beam, sigma_s* = (1 - f) sigma_s [1/mm].
+    D_cut : (n_cut, 3) real, device, or REAL4
+        D of the cut cells, which is all that a solve needs.
     fitted : (n, 3) real, device, or REAL4
-        (k h)^2 of the finest level's cells as far as exponentials are fitted (`fitted_widths`).
+        (k h)^2 of the finest level's cells as far as exponentials are fitted (`fitted_widths`); empty where none is.
     g : float
         Mean cosine g* = (g - f) / (1 - f) of that scattering.
     fresnel_A : float
@@ -55,6 +57,7 @@ class Coefficients:
     D: list[Any]
     sigma_a: list[Any]
     sigma_s: list[Any]
+    D_cut: Any
     fitted: Any
     g: float
     fresnel_A: float
@@ -64,14 +67,16 @@ class Coefficients:
     @property
     def defines(self) -> tuple[str, ...]:
         """What kernels are built with."""
-        return () if self.homogeneous else ("HETEROGENEOUS",)
+        if self.homogeneous:
+            return ()
+        return ("HETEROGENEOUS", "FITTED") if self.fitted.shape[0] else ("HETEROGENEOUS",)
 
     def on_device(self, device: Device) -> Coefficients:
-        """The same with sigma_a and sigma_s on the device, as long as that is kept."""
-        if self.homogeneous or isinstance(self.sigma_a[0], Buffer):
+        """The same with D, sigma_a and sigma_s of all cells on the device, as long as that is kept."""
+        if self.homogeneous or isinstance(self.D[0], Buffer):
             return self
-        sigma_a, sigma_s = ([device.array(v) for v in values] for values in (self.sigma_a, self.sigma_s))
-        return replace(self, sigma_a=sigma_a, sigma_s=sigma_s)
+        D, sigma_a, sigma_s = ([device.array(v) for v in values] for values in (self.D, self.sigma_a, self.sigma_s))
+        return replace(self, D=D, sigma_a=sigma_a, sigma_s=sigma_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +168,8 @@ def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
         values = 1 / (3 * (sigma_a[0] + (1 - medium.g) * sigma_s[0])), sigma_a[0], (1 - f) * sigma_s[0]
         one = [[device.vector(channels(v))] * n_levels for v in values]
         width = device.vector(channels(fitted_widths(octree.grid.h, values[0], values[1])))
-        return Coefficients(True, one[0], one[1], one[2], width, beam_g, fresnel_A, medium.eta)
-    D: list[Buffer] = []
+        return Coefficients(True, one[0], one[1], one[2], one[0][0], width, beam_g, fresnel_A, medium.eta)
+    D: list[np.ndarray] = []
     absorption: list[np.ndarray] = []
     scattering: list[np.ndarray] = []
 
@@ -175,24 +180,26 @@ def sample_medium(device: Device, octree: Octree, medium: Any, fresnel_A: float,
     for points in cell_points(octree):
         sigma_a, sigma_s = medium.coefficients(points)
         sigma_tr = sigma_a + (1 - medium.g) * sigma_s
-        D.append(device.array(1 / (3 * sigma_tr)))
+        D.append((1 / (3 * sigma_tr)).astype(device.real))
         absorption.append(sigma_a.astype(device.real))
         scattering.append(((1 - f) * sigma_s).astype(device.real))
-    widths = device.array(fitted_widths(octree.grid.h, 1 / (3 * sigma_tr), sigma_a))
+    widths = fitted_widths(octree.grid.h, 1 / (3 * sigma_tr), sigma_a)
+    fitted, D_cut = device.array(widths if widths.any() else widths[:0]), device.array(D[-1][octree.cut.cell.get()])
     jumps = find_jumps(device, octree, points, sigma_tr, transport)
-    return Coefficients(False, D, absorption, scattering, widths, beam_g, fresnel_A, medium.eta, jumps)
+    return Coefficients(False, D, absorption, scattering, D_cut, fitted, beam_g, fresnel_A, medium.eta, jumps)
 
 
 def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Operator:
     """Assemble the operator on every level, finest first."""
     cut, A, defines = octree.cut, float(medium.fresnel_A), medium.defines
-    sigma_a = medium.on_device(device).sigma_a
+    lent = medium.on_device(device)
+    D, sigma_a = lent.D, lent.sigma_a
     per_face = (6,) if medium.homogeneous else (6, CHANNELS)
     T = [device.empty((level.n, *per_face)) for level in octree.levels]
     absorb = [device.empty((level.n, CHANNELS)) for level in octree.levels]
     finest = octree.finest
     kernel = device.kernel("coefficients", "finest_coefficients", *defines)
-    device.run(kernel, finest.n, finest.n, finest.h, A, medium.D[-1], medium.D[-2], sigma_a[-1],
+    device.run(kernel, finest.n, finest.n, finest.h, A, D[-1], D[-2], sigma_a[-1],
                medium.fitted, finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
                cut.aperture, cut.face_centroid, T[-1], absorb[-1])  # fmt: skip
     if medium.jumps is not None:
@@ -201,7 +208,7 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     kernel = device.kernel("coefficients", "coarse_coefficients", *defines)
     for k in range(len(T) - 2, -1, -1):
         level = octree.levels[k]
-        device.run(kernel, level.n, level.n, level.h, medium.D[k], medium.D[max(k - 1, 0)], sigma_a[k],
+        device.run(kernel, level.n, level.n, level.h, D[k], D[max(k - 1, 0)], sigma_a[k],
                    level.nbr, level.parent, level.is_leaf, level.child, level.chain, octree.levels[k + 1].n,
                    octree.levels[k + 1].nbr, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
     kernel = device.kernel("coefficients", "interpolation_weights", *defines)

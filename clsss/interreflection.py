@@ -70,7 +70,7 @@ class Boundary:
         x, x_B, n = (values.get()[:, :3].astype(float) for values in (cut.centroid, cut.boundary, cut.normal))
         n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
         depth = octree.grid.h * np.maximum(((x_B - x) * n).sum(axis=1, keepdims=True), 0.1)
-        D = np.array(medium.D[-1].tolist()) if medium.homogeneous else medium.D[-1].get()[self._cut_cell].astype(float)
+        D = np.array(medium.D_cut.tolist()) if medium.homogeneous else medium.D_cut.get().astype(float)
         self.area = cut.boundary.get()[:, 3:].astype(float) * octree.grid.h**2
         self.per_area = 1 / (2 * medium.fresnel_A + depth / D[..., :3])
         self._scaled = self.per_area / D[..., :3] if medium.homogeneous else self.per_area

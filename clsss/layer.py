@@ -42,7 +42,8 @@ def fitted_layer(device: Device, octree: Octree, medium: Coefficients) -> Layer 
     cut, finest, defines = octree.cut, octree.finest, medium.defines
     factors = [device.empty((cut.n, CHANNELS)) for _ in range(3)]
     geometry = cut.centroid, cut.boundary, cut.normal
-    common = finest.h, float(medium.fresnel_A), medium.D[-1], medium.on_device(device).sigma_a[-1], medium.fitted
+    lent = medium.on_device(device)
+    common = finest.h, float(medium.fresnel_A), lent.D[-1], lent.sigma_a[-1], medium.fitted
     kernel = device.kernel("layer", "layer_factors", *defines)
     device.run(kernel, cut.n, cut.n, *common, cut.cell, *geometry, *factors)
     conductance, swell, moment = (f.get()[:, :3].astype(float) for f in factors)

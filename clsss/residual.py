@@ -74,7 +74,7 @@ class Residual:
             run(self._carry, m, m, coarse.n, fine.n, coarse.interface, coarse.interface_start, coarse.nbr,
                 self._centred[k], fine.ghost_face, fine.position, phi[k], phi[k + 1])  # fmt: skip
         octree, cut, finest = op.octree, op.octree.cut, levels[-1]
-        run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], *op.around.arguments,
+        run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, op.medium.D_cut, *op.around.arguments,
             cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal, self.wall, phi[-1],
             self.slope)  # fmt: skip
 
@@ -98,7 +98,7 @@ class Residual:
             run(self._reflux, m, m, fine.n, level.interface, level.interface_start, fine.ghost_face,
                 T[k + 1].row, T[k + 1].values, phi[k + 1], r[k])  # fmt: skip
         m = op.irregular.shape[0]
-        run(self._correct, m, m, finest.n, finest.h, op.medium.fresnel_A, op.medium.D[-1], op.medium.fitted,
+        run(self._correct, m, m, finest.n, finest.h, op.medium.fresnel_A, op.medium.D_cut, op.medium.fitted,
             op.irregular, finest.nbr, octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.face_centroid,
             T[-1].row, T[-1].values, self.slope, phi[-1], r[-1])  # fmt: skip
 
@@ -115,6 +115,6 @@ class Residual:
     def take_boundary_value(self, phi: Field, moment: Buffer, phi_B: Buffer) -> None:
         """As `boundary_value`, for a complete `phi`, into `phi_B`, which may be `moment`."""
         op, cut = self.op, self.op.octree.cut
-        self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D[-1],
+        self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D_cut,
                         op.medium.fitted, cut.cell, cut.centroid, cut.boundary, cut.normal, self.slope, moment, phi[-1],
                         phi_B)  # fmt: skip

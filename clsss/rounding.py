@@ -25,7 +25,7 @@ def rounding_gain(op: Operator) -> np.ndarray:
     T = h D. On coarser leaves it is less.
     """
     D, finest = op.medium.D[-1], op.octree.finest
-    spread = 1.0 if op.medium.homogeneous else np.sqrt((D.get()[:, :3].astype(float) ** 2).mean(axis=0))
+    spread = 1.0 if op.medium.homogeneous else np.sqrt((D.astype(float) ** 2).mean(axis=0))
     return np.broadcast_to(0.2 * np.finfo(op.irregular.device.real).eps * np.sqrt(42) * finest.h * spread, 3)
 
 

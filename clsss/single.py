@@ -163,12 +163,12 @@ def _opaque(device: Device, medium: Coefficients) -> tuple[list[Any], list[Any]]
         else:
             total = a.astype(float) + s
             sigma_t.append(total.astype(device.real))
-            D.append(device.array(1 / (3 * total)))
+            D.append((1 / (3 * total)).astype(device.real))
     return D, sigma_t
 
 
 def _none_fitted(device: Device, medium: Coefficients) -> Any:
-    return device.vector([0.0] * CHANNELS) if medium.homogeneous else device.zeros(medium.fitted.shape)
+    return device.vector([0.0] * CHANNELS) if medium.homogeneous else device.empty((0, 3))
 
 
 def split(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float, source: Source,
@@ -195,7 +195,8 @@ def split(device: Device, octree: Octree, medium: Coefficients, lights: list[Any
     points, normals = boundary_points(octree)
     once = SingleScattering(device, octree, medium, lights, unit, blockers).exitance(points, normals, progress)
     D, sigma_t = _opaque(device, medium)
-    thin = replace(medium, D=D, fitted=_none_fitted(device, medium))
+    D_cut = D[-1] if medium.homogeneous else device.array(D[-1][octree.cut.cell.get()])
+    thin = replace(medium, D=D, D_cut=D_cut, fitted=_none_fitted(device, medium))
     beams = [light for light in lights if not isinstance(light, Emission)]
     known = source if medium.g == 0 and len(beams) == len(lights) and not source.lost.any() else make_source(
         device, octree, thin, beams, unit, blockers)  # fmt: skip

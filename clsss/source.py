@@ -150,5 +150,5 @@ def subtract_moment(device: Device, octree: Octree, medium: Coefficients, moment
     """Take the boundary's first moment (n_cut, 4) [W/mm^2] from the finest level's `b` (or residual)."""
     cut = octree.cut
     kernel = device.kernel("moment", "subtract_moment", *medium.defines)
-    device.run(kernel, cut.n, cut.n, octree.grid.h, medium.fresnel_A, medium.D[-1], medium.fitted, cut.cell,
+    device.run(kernel, cut.n, cut.n, octree.grid.h, medium.fresnel_A, medium.D_cut, medium.fitted, cut.cell,
                cut.centroid, cut.boundary, cut.normal, moment, b)  # fmt: skip

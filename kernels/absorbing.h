@@ -9,7 +9,7 @@ REAL4 absorbing_volume(const int i, const int n, const REAL h, const REAL fresne
                        __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
                        __global const Place *restrict face_centroid) {
     const int c = cut_index[i];
-    const REAL4 own = cell_centroid(c, centroid), D_i = AT(D, i), k2 = AT(fitted, i);
+    const REAL4 own = cell_centroid(c, centroid), D_i = AT(D, i), k2 = FITTED_AT(fitted, i);
     if (!any_fitted(k2)) return (REAL4)(own.w);
     REAL4 more = (REAL4)(0);
     for (int f = 0; f < 6; f++) {
@@ -19,7 +19,7 @@ REAL4 absorbing_volume(const int i, const int n, const REAL h, const REAL fresne
         const REAL e2 = tilt_between(axis, c, other, boundary, normal);
         if (!(e2 > 0)) continue;
         const Face face = face_between(axis, up ? c : other, up ? other : c, centroid, aperture, face_centroid);
-        const REAL4 x2 = link_width2(k2, AT(fitted, j), face.delta, axis, c, other, boundary, normal);
+        const REAL4 x2 = link_width2(k2, FITTED_AT(fitted, j), face.delta, axis, c, other, boundary, normal);
         const REAL reach = up ? 1 - along_axis(own, axis) : along_axis(own, axis);
         more += face.area * e2 * (face.delta / 2 * sinh_over(x2 / 4) / cosh(sqrt(x2) / 2) - reach);
     }

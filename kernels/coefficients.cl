@@ -53,7 +53,7 @@ __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_
     REAL4 sink = AT(sigma_a, i) * (h * h * h) * volume;
     if (cut >= 0) {
         const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.1);
-        const REAL4 x2 = depth2(AT(fitted, i), d, normal[cut], boundary[cut]);
+        const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, normal[cut], boundary[cut]);
         sink += boundary[cut].w * h * h / resistance(x2, d * h, AT(D, i), fresnel_A);
     }
     absorb[i] = SCALE(sink, AT(D, i));

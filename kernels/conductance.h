@@ -17,3 +17,10 @@
 #define MEAN(t) (t)
 #define SCALE(value, D) ((value) / (D))
 #endif
+
+/* (k h)^2 as far as it is fitted (layer.h): of a heterogeneous medium only where it is somewhere. */
+#if defined(HETEROGENEOUS) && !defined(FITTED)
+#define FITTED_AT(fitted, i) ((REAL4)(0))
+#else
+#define FITTED_AT(fitted, i) AT(fitted, i)
+#endif

@@ -49,7 +49,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
     const int m = get_global_id(0);
     if (m >= n) return;
     const int i = irregular[m], c = cut_index[i], row = ROW_OF(i, rows);
-    const REAL4 D_i = AT(D, i), k2 = AT(fitted, i);
+    const REAL4 D_i = AT(D, max(c, 0)), k2 = FITTED_AT(fitted, i);
     REAL4 sum = r[i];
 #pragma unroll
     for (int f = 0; f < 6; f++) {
@@ -60,7 +60,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
         const int a = f < 2, b = f < 4 ? 2 : 1, low = f & 1 ? c : other;
         const REAL2 at = c >= 0 && other >= 0 ? coordinates(face_centroid[3 * low + (f >> 1)]) : (REAL2)(0.5);
         const REAL4 rise = rise_to(other, a, b, at, centroid, slope) - rise_to(c, a, b, at, centroid, slope);
-        const REAL4 k2_j = AT(fitted, j);
+        const REAL4 k2_j = FITTED_AT(fitted, j);
         if (any_fitted(k2 + k2_j)) {
             const REAL delta = distance_across(f, c, other, centroid);
             const REAL4 ease = 1 / sinh_over(link_width2(k2, k2_j, delta, f >> 1, c, other, boundary, normal));
@@ -97,7 +97,7 @@ __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, ME
     const REAL4 nrm = unit_normal(normal[c]);
     const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
     const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
-    const REAL4 x2 = depth2(AT(fitted, i), d, normal[c], boundary[c]);
+    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, normal[c], boundary[c]);
     const REAL4 swell = any_fitted(x2) ? cosh(sqrt(x2)) : (REAL4)(1);
-    phi_B[c] = 2 * fresnel_A * (p + swell * moment[c]) / resistance(x2, d * h, AT(D, i), fresnel_A);
+    phi_B[c] = 2 * fresnel_A * (p + swell * moment[c]) / resistance(x2, d * h, AT(D, c), fresnel_A);
 }

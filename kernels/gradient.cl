@@ -76,7 +76,7 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
         add_rows(&s, other - four_times(own) + steps[k], values - four_times(value), there * other.s37bf);
     }
     const REAL4 offset = (boundary[c] - own) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
-    const REAL4 D_over_h = AT(D, i) / h, across = offset / (2 * fresnel_A);
+    const REAL4 D_over_h = AT(D, c) / h, across = offset / (2 * fresnel_A);
     const REAL4 scale = fmin(boundary[c].w, (REAL)1) / (D_over_h + sqrt(dot(across, across)));
     const REAL4 value_there = -scale / (2 * fresnel_A) * (value - (wall ? 2 * fresnel_A * wall[c] : (REAL4)(0)));
     const REAL4 row_x = scale * (D_over_h * nrm.x + across.x), row_y = scale * (D_over_h * nrm.y + across.y);

@@ -24,7 +24,7 @@ __kernel void layer_factors(const int n, const REAL h, const REAL fresnel_A, MED
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
-    const REAL4 D_i = AT(D, i), k2 = AT(fitted, i);
+    const REAL4 D_i = AT(D, i), k2 = FITTED_AT(fitted, i);
     const REAL d = depth_below(centroid[c], boundary[c], unit_normal(normal[c]), 0.05);
     const REAL4 x2 = depth2(k2, d, normal[c], boundary[c]), rise = sinh_over(x2 / 4);
     conductance[c] = boundary[c].w * h * h / resistance(x2, d * h, D_i, fresnel_A);

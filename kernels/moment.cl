@@ -26,7 +26,7 @@ __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light,
     REAL4 p = corner_of(i, position) + boundary[c];
     p.w = 0;
     const REAL d = h * depth_below(centroid[c], boundary[c], nrm, 0.05);
-    const REAL4 x2 = depth2(AT(fitted, i), d / h, normal[c], boundary[c]);
+    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d / h, normal[c], boundary[c]);
     const REAL4 s = any_fitted(x2) ? sinh_over(x2) / cosh(sqrt(x2)) : (REAL4)(1);
     const REAL4 mean = near_mean(F_B[c], F[i], x2);
     const REAL inward = dot(beam_at(light, p).towards.xyz, nrm.xyz);
@@ -50,8 +50,8 @@ __kernel void subtract_moment(const int n, const REAL h, const REAL fresnel_A, M
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
-    const REAL4 D_i = AT(D, i);
+    const REAL4 D_i = AT(D, c);
     const REAL d = depth_below(centroid[c], boundary[c], unit_normal(normal[c]), 0.05);
-    const REAL4 x2 = depth2(AT(fitted, i), d, normal[c], boundary[c]);
+    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, normal[c], boundary[c]);
     b[i] -= SCALE(boundary[c].w * h * h * r_B[c] / resistance(x2, d * h, D_i, fresnel_A), D_i);
 }

@@ -34,7 +34,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
     if (i >= n) return;
     const REAL4 corner = corner_of(i, position), a = albedo(sigma_a, sigma_s, i);
     const REAL4 own = first_moment(g, D, sigma_s, i);
-    const REAL4 k2 = AT(fitted, i);
+    const REAL4 k2 = FITTED_AT(fitted, i);
     const int cut = cut_index[i];
     REAL4 sum = (REAL4)(0), on_the_way = (REAL4)(0);
     for (int f = 0; f < 6; f++) {
@@ -48,7 +48,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
             c = cut_index[j];
             const Face face = face_between(f >> 1, up ? cut : c, up ? c : cut, centroid, aperture, face_centroid);
             area = face.area;
-            x2 = link_width2(k2, AT(fitted, j), face.delta, f >> 1, cut, c, boundary, normal);
+            x2 = link_width2(k2, FITTED_AT(fitted, j), face.delta, f >> 1, cut, c, boundary, normal);
             F_i = carried_along(F_i, cut, up ? face.tau_low : face.tau_high, towards,
                                 h * (AT(sigma_a, i) + AT(sigma_s, i)), normal, F_B);
             F_j = carried_along(F_j, c, up ? face.tau_high : face.tau_low, towards,

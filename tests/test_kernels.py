@@ -47,7 +47,7 @@ def test_every_file_says_what_it_is(name):
 @pytest.mark.parametrize("file", FILES)
 def test_every_kernel_builds(device, file):
     source = kernel_source(f"{file}.cl")
-    switches = [name for name in ("HETEROGENEOUS", "BLOCKED") if name in source]
+    switches = [name for name in ("HETEROGENEOUS", "BLOCKED", "FITTED") if name in source]
     for defines in itertools.chain.from_iterable(itertools.combinations(switches, k) for k in range(3)):
         for name in KERNEL.findall(code_of(f"{file}.cl")):
             assert device.kernel(file, name, *defines).function_name == name
