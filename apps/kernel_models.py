@@ -66,7 +66,7 @@ def reflux(a: Arguments) -> Arguments:
 
 
 def _children(a: Arguments, values: np.ndarray, octants: Any = slice(None)) -> np.ndarray:
-    """Sum over the children of every coarse cell, or those in some octants."""
+    """Sum over the children of every covered cell, or those in some octants."""
     padded = np.concatenate([values, np.zeros((1, values.shape[1]))])
     child = a["child"][:, octants]
     return padded[np.where(child < 0, len(values), child)].sum(axis=1)
@@ -85,15 +85,15 @@ def leave_residual(a: Arguments) -> Arguments:
 
 
 def restrict_residual(a: Arguments) -> Arguments:
-    out, covered = a["b_coarse"].copy(), np.flatnonzero(a["is_leaf"] == 0)
-    out[covered] = _children(a, a["residual"], [0, 3, 5, 6])[covered]
+    out = a["b_coarse"].copy()
+    out[a["covered"]] = _children(a, a["residual"], [0, 3, 5, 6])
     return {"b_coarse": out}
 
 
 def average(a: Arguments) -> Arguments:
-    out, covered = a["x_coarse"].copy(), np.flatnonzero(a["is_leaf"] == 0)
+    out = a["x_coarse"].copy()
     count = np.maximum((a["child"] >= 0).sum(axis=1), 1)[:, None]
-    out[covered] = (_children(a, a["x"]) / count)[covered]
+    out[a["covered"]] = _children(a, a["x"]) / count
     return {"x_coarse": out}
 
 

@@ -53,7 +53,8 @@ class TwoPoint(Residual):
         """Overwrite `r` with b - A x on the leaves."""
         run, op, levels = self.device.run, self.op, self.op.octree.levels
         for coarse, x, fine in zip(levels[-2::-1], phi[-2::-1], phi[:0:-1], strict=True):
-            run(self._average, coarse.n, coarse.n, coarse.is_leaf, coarse.child, fine, x)
+            m = coarse.covered.shape[0]
+            run(self._average, m, m, coarse.covered, coarse.child, fine, x)
         copy = self.device.kernel("prolong", "copy_ghosts")
         for k, level in enumerate(levels[1:]):
             run(copy, level.n_ghost, level.n_ghost, level.n, level.parent, phi[k], phi[k + 1])

@@ -21,7 +21,7 @@ import numpy as np
 from clsss.around import Around, list_around
 from clsss.device import ROW_ALIGNMENT, Buffer, Device
 from clsss.jumps import Jumps, find_jumps
-from clsss.octree import Octree
+from clsss.octree import Level, Octree
 from clsss.rows import Kept, keep
 
 CHANNELS = 4
@@ -208,8 +208,8 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     kernel = device.kernel("coefficients", "coarse_coefficients", *defines)
     for k in range(len(T) - 2, -1, -1):
         level = octree.levels[k]
-        device.run(kernel, level.n, level.n, level.h, D[k], D[max(k - 1, 0)], sigma_a[k],
-                   level.nbr, level.parent, level.is_leaf, level.child, level.chain, octree.levels[k + 1].n,
+        device.run(kernel, level.n, level.n, level.h, D[k], D[max(k - 1, 0)], sigma_a[k], level.nbr, level.parent,
+                   level.is_leaf, _every_child(device, level), level.chain, octree.levels[k + 1].n,
                    octree.levels[k + 1].nbr, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
     kernel = device.kernel("coefficients", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
@@ -224,6 +224,14 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
                     _irregular(device, octree), list_around(device, octree))  # fmt: skip
 
 
+def _every_child(device: Device, level: Level) -> Buffer:
+    """`Level.child` with a row (n, 8) for each cell, of -1 for leaves."""
+    assert level.child is not None
+    child = np.full((level.n, 8), -1, np.int32)
+    child[level.covered.get()] = level.child.get()
+    return device.array(child)
+
+
 def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer]) -> list[Buffer]:
     """Shares of the cells behind junctions, level by level from the finest."""
     levels = octree.levels
@@ -232,9 +240,9 @@ def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer
     for k in range(len(levels) - 2, -1, -1):
         level, fine = levels[k], levels[k + 1]
         m = level.junction_face.shape[0]
-        device.run(kernel, m, m, level.junction_face, level.junction_start, level.junction_cell, level.child,
-                   level.chain, fine.n + fine.n_ghost, fine.nbr, fine.parent, T[k + 1], fine.junction_start,
-                   fine.junction_cell, share[k + 1], share[k])  # fmt: skip
+        device.run(kernel, m, m, level.junction_face, level.junction_start, level.junction_cell,
+                   _every_child(device, level), level.chain, fine.n + fine.n_ghost, fine.nbr, fine.parent, T[k + 1],
+                   fine.junction_start, fine.junction_cell, share[k + 1], share[k])  # fmt: skip
     return share
 
 

@@ -145,7 +145,8 @@ class Multigrid:
         red = fine.colour_start[1]
         leave, junctions = self._with_junctions(k, self._leave_residual, self._leave_beyond)
         run(leave, red, red, fine.nbr, *op.two_point(k), self.r[k], *junctions, self.e[k])
-        run(self._restrict, coarse.n, coarse.n, coarse.is_leaf, coarse.child, coarse.chain, self.e[k], self.r[k - 1])
+        m = coarse.covered.shape[0]
+        run(self._restrict, m, m, coarse.covered, coarse.child, coarse.chain, self.e[k], self.r[k - 1])
 
     def v_cycle(self, k: int, coupling: Coupling | None = None) -> None:
         """One V-cycle from level `k` down: `e` approximates the correction for the right-hand sides `r`.

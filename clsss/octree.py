@@ -44,8 +44,10 @@ class Level:
         none or the face is closed.
     parent : (n + n_ghost + n_junction,) int32, device
         The next coarser level's cell that contains the cell (of a junction its first), or that the ghost stands for.
-    child : (n, 8) int32, device
-        Finer cells, x fastest; -1: none; else the first of several (child.h). (Not on the finest level.)
+    covered : (m,) int32, device
+        Cells that finer ones replace.
+    child : (m, 8) int32, device
+        Their finer cells, x fastest; -1: none; else the first of several (child.h). (Not on the finest level.)
     chain : (m, 2) int32, device
         Finer cells that share an octant: one, and the next.
     is_leaf : (n,) uint8, device
@@ -71,6 +73,7 @@ class Level:
     colour_start: tuple[int, int, int]
     nbr: Buffer
     parent: Buffer | None
+    covered: Buffer
     child: Buffer | None
     chain: Buffer
     is_leaf: Buffer
@@ -188,9 +191,11 @@ def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np
     if parent is not None:
         to_parent = device.array(np.concatenate([parent, source, parent[flat[slot]]]).astype(np.int32))
     flat[slot] = n + len(face) + np.arange(len(slot), dtype=np.int32)
+    covered = np.flatnonzero(~cells.leaf).astype(np.int32)
     child, chain = first_children(*finer, n) if finer else (None, np.empty((0, 2), np.int32))
     level = Level(grid.h * 2**depth, depth, cells.ijk, cells.leaf, cells.colour_start, device.array(cells.nbr),
-                  to_parent, None if child is None else device.array(child), device.array(chain),
+                  to_parent, device.array(covered),
+                  None if child is None else device.array(child[covered]), device.array(chain),
                   device.array(cells.leaf.astype(np.uint8)), device.array(cells.ijk.astype(np.uint16)), len(face),
                   device.array(face), device.empty(0, np.int32), device.empty(0, np.int32),
                   device.array(slot.astype(np.int32)), device.array(start),

@@ -21,7 +21,8 @@ def _centred(device: Device, octree: Octree) -> list[Buffer]:
     for level in octree.levels[-2::-1]:
         assert level.child is not None
         child = level.child.get()
-        whole = level.leaf | ((child >= 0) & whole[child]).all(axis=1)
+        below, whole = whole, level.leaf.copy()
+        whole[level.covered.get()] = ((child >= 0) & below[child]).all(axis=1)
         found.insert(0, device.array(whole.astype(np.uint8)))
     return found
 
@@ -67,7 +68,8 @@ class Residual:
         # covered cells count where leaves of their width have them as neighbours
         needed = [k for k, level in enumerate(levels) if level.interface.shape[0]]
         for k in range(len(levels) - 2, min(needed, default=len(levels)) - 1, -1):
-            run(self._average, levels[k].n, levels[k].n, levels[k].is_leaf, levels[k].child, phi[k + 1], phi[k])
+            m = levels[k].covered.shape[0]
+            run(self._average, m, m, levels[k].covered, levels[k].child, phi[k + 1], phi[k])
         for k, fine in enumerate(levels[1:]):
             coarse = levels[k]
             m = coarse.interface.shape[0]

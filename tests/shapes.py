@@ -129,8 +129,8 @@ def conductances(op: diffusion.Operator, k: int) -> np.ndarray:
 def children(level: octree.Level) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coarse cell, octant and finer cell of everything that `Level.child` and its chains list."""
     child, chain = level.child.get(), level.chain.get()
-    cell, octant = np.nonzero(child != -1)
-    fine = child[cell, octant]
+    row, octant = np.nonzero(child != -1)
+    cell, fine = level.covered.get()[row], child[row, octant]
     while (fine < 0).any():
         several = np.flatnonzero(fine < 0)
         first, rest = chain[-2 - fine[several]].T
