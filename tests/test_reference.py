@@ -267,6 +267,18 @@ def test_power_is_kept(eta):
     assert e.energy["absorbed"].min() > 0
 
 
+def test_photons_reflect_and_bend_as_fresnel_and_snell_say():
+    """A plate that only absorbs, lit at 60 degrees: R, and (1 - R)^2 E / (1 - R E), E = exp(-sigma_a d / cos inside)."""
+    eta, plate = 1.5, block(200.0, 200.0, 1.0)
+    light = DirectionalLight((np.sin(np.pi / 3), 0, -0.5))
+    e = estimate(plate, Material(1.0, 1e-6, eta=eta), [light], 200_000, [[0, 0, 0.5]], radius=5.0)
+    R = 1 - fresnel_transmittance(0.5, eta)
+    left = np.exp(-1 / np.sqrt(1 - 0.75 / eta**2))
+    np.testing.assert_allclose(e.energy["reflected"] / e.energy["incident"], R, rtol=0.04)
+    through = (1 - R) ** 2 * left / (1 - R * left)
+    np.testing.assert_allclose(e.energy["unscattered"] / e.energy["incident"], through, rtol=0.03)
+
+
 def test_albedo_one_gives_everything_back():
     e = estimate(ball(), Material(0.0, 2.0, eta=1.3), [DOWN], 50)
     np.testing.assert_allclose(e.energy["absorbed"], 0)
