@@ -128,7 +128,7 @@ class PatchCoupling:
         above = boundary.above(exchange, len(levels) - 1 - self.level)
         self._share, self._blend = SparseMatrix(device, exchange.share), SparseMatrix(device, exchange.blend)
         self._arriving = SparseMatrix(device, exchange.arriving)
-        self._entering = SparseMatrix(device, exchange.entering)
+        self._entering = SparseMatrix(device, exchange.entering, self._arriving)
         self._giving = device.array(channels(exchange.gain * (exchange.share @ boundary.per_area)))
         self._above = {
             k: (device.array(seen.cell.astype(np.int32)), device.array(channels(exchange.gain * seen.entering)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class SparseMatrix:
     device : Device
     matrix : (n, m) sparse
         Entries are not negative.
+    like : SparseMatrix, optional
+        One with entries in the same places: these are held once.
 
     Attributes
     ----------
@@ -34,20 +36,21 @@ class SparseMatrix:
         or None where rows sum to one.
     """
 
-    def __init__(self, device: Device, matrix: sparse.csr_matrix):
-        self.device, self.n = device, matrix.shape[0]
+    def __init__(self, device: Device, matrix: sparse.csr_matrix, like: SparseMatrix | None = None):
+        self.device, self.n, self._places = device, matrix.shape[0], (matrix.indptr, matrix.indices)
         self._kernel = device.kernel("exchange", "sparse_product")
         count, start, column = np.diff(matrix.indptr), matrix.indptr, matrix.indices
         number, unit = _whole_numbers(count, matrix.data)
         narrow = matrix.shape[1] <= 1 << 16
-        self.rows = (
+        if like:
+            assert all(np.array_equal(a, b) for a, b in zip(self._places, like._places, strict=True))
+        places = like.rows[:4] if like else (
             int(count[0]),
             None if (count == count[0]).all() else device.array(start, np.int32),
             device.array(column, np.uint16) if narrow else None,
             None if narrow else device.array(column, np.int32),
-            device.array(number, np.uint16),
-            None if unit is None else device.array(unit),
-        )
+        )  # fmt: skip
+        self.rows: tuple[Any, ...] = (*places, device.array(number, np.uint16), None if unit is None else device.array(unit))
 
     def multiply(self, scale: float, x: Buffer, y: Buffer, plus: Buffer | None = None) -> None:
         """Overwrite y (n, 4) with ``scale * A @ x + plus``, all on the device."""

@@ -55,6 +55,19 @@ def test_columns_keep_their_sums_on_average(device):
     assert product(device, matrix, x).astype(float).sum() == pytest.approx((matrix @ x).sum(), rel=2e-6)
 
 
+def test_matrices_alike_hold_their_places_once(device):
+    random = np.random.default_rng(4)
+    matrix, x = random_matrix(500, 300, random), random.uniform(0, 1, 300)
+    half = matrix.copy()
+    half.data *= random.uniform(0, 1, half.nnz)
+    one, before = SparseMatrix(device, matrix), device.allocated
+    other = SparseMatrix(device, half, one)
+    assert device.allocated - before == 2 * half.nnz + 500 * device.real.itemsize
+    found, alone = device.zeros((500, 4)), product(device, half, x)
+    other.multiply(1, device.array(np.repeat(x[:, None], 4, axis=1)), found)
+    assert np.array_equal(found.get()[:, 0], alone)
+
+
 def test_four_bytes_an_entry(device):
     """Columns and numbers of 16 bits; where rows are equally long means, nothing else."""
     even = sparse.csr_matrix((np.full(600, 1 / 6), np.tile(np.arange(6), 100), np.arange(0, 601, 6)), shape=(100, 6))
