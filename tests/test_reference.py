@@ -268,7 +268,7 @@ def test_power_is_kept(eta):
 
 
 def test_photons_reflect_and_bend_as_fresnel_and_snell_say():
-    """A plate that only absorbs, lit at 60 degrees: R, and (1 - R)^2 E / (1 - R E), E = exp(-sigma_a d / cos inside)."""
+    """A plate that only absorbs, lit at 60 degrees: R, and (1 - R)^2 E / (1 - R E), E = exp(-sigma_a d / cos)."""
     eta, plate = 1.5, block(200.0, 200.0, 1.0)
     light = DirectionalLight((np.sin(np.pi / 3), 0, -0.5))
     e = estimate(plate, Material(1.0, 1e-6, eta=eta), [light], 200_000, [[0, 0, 0.5]], radius=5.0)
