@@ -21,17 +21,22 @@ from clsss.device import Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
 from clsss.kept import kept
 from clsss.lights import DirectionalLight, PointLight
+from clsss.morton import morton
 from clsss.octree import Octree
 from clsss.rays import LINING, RayCaster
 from clsss.sums import GROUP, sum_of_parts, tiles
 
 
 @kept
-def brick_order(octree: Octree) -> tuple[np.ndarray, np.ndarray]:
-    """The finest cells, and the cut cells, brick by brick: what rays from one brick meet stays in a cache."""
-    order = octree.leaf_map.finest_by_bricks()
-    cut = octree.cut_index.get()[order]
-    return order, cut[cut >= 0]
+def ray_order(octree: Octree) -> tuple[list[np.ndarray], np.ndarray]:
+    """Leaves of each level, and the cut cells, in an order in which neighbours' rays meet the same cells."""
+    orders: list[np.ndarray] = []
+    for level in octree.levels[:-1]:
+        leaves = np.flatnonzero(level.leaf).astype(np.int32)
+        orders.append(leaves[np.argsort(morton(level.ijk[leaves]), kind="stable")])
+    orders.append(octree.leaf_map.finest_by_bricks())
+    cut = octree.cut_index.get()[orders[-1]]
+    return orders, cut[cut >= 0]
 
 
 def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
@@ -84,7 +89,8 @@ class Beams:
         self.wall = device.zeros((n_cut, CHANNELS)) if medium.g else None
         self.lost = device.zeros((n_cut, CHANNELS))
         self.incident = np.zeros(3)
-        self._order, self._cut_order = (device.array(order) for order in brick_order(octree))
+        orders, cut_order = ray_order(octree)
+        self._orders, self._cut_order = [device.array(order) for order in orders], device.array(cut_order)
         self._F_B = device.empty((n_cut, CHANNELS))
         self._body = (*octree.body, *extinction(device, octree, medium))
 
@@ -121,10 +127,10 @@ class Beams:
         device, octree, cut, eta = self.device, self.octree, self.octree.cut, float(self.medium.eta)
         defines, finest = self.medium.defines, self.octree.finest
         cells = device.kernel("attenuate", "beam_in_cells", *defines)
-        for k, level in enumerate(octree.levels):
-            device.run(cells, -(-level.n // device.lanes), level.n, level.depth, octree.grid.h, eta, where, strength,
-                       *self._body, None if level.depth else self._order, level.position, level.is_leaf,
-                       self._F[k])  # fmt: skip
+        for k, (level, order) in enumerate(zip(octree.levels, self._orders, strict=True)):
+            n = order.shape[0]
+            device.run(cells, -(-n // device.lanes), n, level.depth, octree.grid.h, eta, where, strength, *self._body,
+                       order, level.position, self._F[k])  # fmt: skip
             if level.n_ghost:
                 self._copy_ghosts(k)
         kernel = device.kernel("attenuate", "beam_at_boundary", *defines)

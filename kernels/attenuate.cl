@@ -12,33 +12,31 @@
 #include "ray.h"
 #include "irradiance.h"
 
-/* F at the centroids of the leaves of one level; zero on covered cells. One work-item for LANES cells, taken in
- * `order` (NULL: as they are): what rays from one brick meet stays in a cache. */
+/* F at the centroids of one level's cells that `order` lists, neighbours in space one after the other: what their rays
+ * meet stays in a cache. One work-item for LANES cells. */
 // cost beam_in_cells: 128R+384 B, 16000 flop  (16 lanes)
 __kernel void beam_in_cells(const int n, const int depth, const REAL h, const REAL eta, const REAL4 light,
                             const REAL4 strength, BODY, __global const int *restrict order,
-                            __global const ushort *restrict position, __global const uchar *restrict is_leaf,
-                            __global REAL4 *restrict F) {
+                            __global const ushort *restrict position, __global REAL4 *restrict F) {
     const int first = LANES * get_global_id(0), count = min(LANES, n - first);
     if (count <= 0) return;
     const Body body = BODY_ARGUMENTS;
     Beam beam[LANES];
     Rays rays;
     for (int l = 0; l < LANES; l++) {
-        const int k = first + min(l, count - 1), i = order ? order[k] : k;
+        const int i = order[first + min(l, count - 1)];
         const REAL4 corner = corner_of(i, position);
         REAL4 p = (corner + (REAL)0.5) * (REAL)(1 << depth);
         if (depth == 0 && cut_index[i] >= 0) p = corner + centroid[cut_index[i]];
         p.w = 0;
         beam[l] = beam_at(light, p);
         set_ray(&rays, l, p, beam[l]);
-        if (l >= count || !is_leaf[i]) rays.distance.at[l] = 0;
+        if (l >= count) rays.distance.at[l] = 0;
     }
     const Passage met = march(body, rays);
     for (int l = 0; l < count; l++) {
-        const int i = order ? order[first + l] : first + l;
-        F[i] = is_leaf[i] ? reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l], met.entry.at[l])
-                          : (REAL4)(0);
+        F[order[first + l]] =
+            reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l], met.entry.at[l]);
     }
 }
 
