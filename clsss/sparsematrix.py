@@ -50,7 +50,8 @@ class SparseMatrix:
             device.array(column, np.uint16) if narrow else None,
             None if narrow else device.array(column, np.int32),
         )  # fmt: skip
-        self.rows: tuple[Any, ...] = (*places, device.array(number, np.uint16), None if unit is None else device.array(unit))
+        units = None if unit is None else device.array(unit)
+        self.rows: tuple[Any, ...] = (*places, device.array(number, np.uint16), units)
 
     def multiply(self, scale: float, x: Buffer, y: Buffer, plus: Buffer | None = None) -> None:
         """Overwrite y (n, 4) with ``scale * A @ x + plus``, all on the device."""
