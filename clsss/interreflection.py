@@ -158,8 +158,8 @@ class PatchCoupling:
         self._blend.multiply(-self.exchange.gain, self._entered, self._moment, plus)
         return self._moment
 
-    def step(self, phi_B: Buffer, held: Buffer) -> None:
-        """B <- J.n + F B, for fluence (n_cut, 4) at the boundary, and J.n (p, 4) of what is `held`."""
+    def step(self, phi_B: Buffer, held: Buffer | None) -> None:
+        """B <- J.n + F B, for fluence (n_cut, 4) at the boundary, and J.n (p, 4) of a solution that is `held`."""
         self._arriving.multiply(1, self.B, self._next, held)
         self._share.multiply(1 / (2 * self.op.medium.fresnel_A), phi_B, self.change, self._next)
         self._next.copy_from(self.B)
@@ -223,10 +223,9 @@ class Interreflection:
 
     def __init__(self, coupling: PatchCoupling, residual: Residual, source: Source, phi: Field):
         self.coupling, self.residual, self.r_B = coupling, residual, source.moment
-        device = coupling.device
-        self._held = device.zeros(coupling.B.shape)
+        self._phi = phi
         coupling.B.fill(0)
-        self._update = device.capture(lambda: self._enqueue_update(phi))
+        self._update = self._captured_update(None)
 
     @property
     def state(self) -> np.ndarray:
@@ -238,10 +237,13 @@ class Interreflection:
         self.coupling.B.set(channels(values[: len(values) // 2]))
         self.coupling.change.set(channels(values[len(values) // 2 :]))
 
-    def _enqueue_update(self, phi: Field) -> None:
-        phi_B = moment = self.coupling.boundary_moment(self.r_B)
-        self.residual.take_boundary_value(phi, moment, phi_B)
-        self.coupling.step(phi_B, self._held)
+    def _captured_update(self, held: Buffer | None) -> Callable[[], None]:
+        def work() -> None:
+            phi_B = moment = self.coupling.boundary_moment(self.r_B)
+            self.residual.take_boundary_value(self._phi, moment, phi_B)
+            self.coupling.step(phi_B, held)
+
+        return self.coupling.device.capture(work)
 
     def update(self) -> float:
         """One step of the exchange; how far B moved, relative to its size."""
@@ -258,13 +260,13 @@ class Interreflection:
     def hold(self, phi: Field) -> None:
         """From now on count the solution from a complete `phi`."""
         flux = boundary_flux(self.residual, phi, self.r_B)
-        self._held.set(channels(self.coupling.exchange.share @ flux))
+        self._update = self._captured_update(self.coupling.device.array(channels(self.coupling.exchange.share @ flux)))
         self._set_aside = self.r_B.get()
         self.r_B.fill(0)
 
     def release(self) -> None:
         """Count from zero again."""
-        self._held.fill(0)
+        self._update = self._captured_update(None)
         self.r_B.set(self._set_aside)
 
     def start_from(self, B: np.ndarray) -> None:
