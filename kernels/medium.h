@@ -1,7 +1,7 @@
 /* medium.h -- coefficients of one channel: everywhere the same, or trilinear between the nodes of a grid. */
 
 typedef struct {
-    REAL majorant, g;
+    REAL majorant;
     int4 nodes;  /* per axis */
     REAL4 origin, inverse_spacing;
     __global const REAL2 *restrict grid; /* sigma_a, sigma_s at nodes, x fastest; one value where homogeneous */

@@ -69,7 +69,7 @@ __kernel void paths(const int n, const int first_path, const int offset, const i
     if (item >= n) return;
     const int i = (offset + item) % n_points, c = (offset + item) / n_points % n_channels;
     const Surface s = {first_leaf, leaf_size, box, triangle, opaque};
-    const Medium m = {majorant[c], g, nodes, origin, inverse_spacing, grid + c * nodes.w};
+    const Medium m = {majorant[c], nodes, origin, inverse_spacing, grid + c * nodes.w};
     Random random = {(uint4)(first_path + (offset + item) / n_points / n_channels, i, 0, 0), (uint2)(seed, 1)};
     REAL4 u = uniform4(&random);
     Ray ray = {vload3(i, point), around(-face_normal(s, face[i]), sqrt(1 - u.x), u.y), face[i]};

@@ -47,7 +47,7 @@ __kernel void photons(const int n, const int first_photon, const int n_channels,
     if (item >= n) return;
     const int c = item % n_channels;
     const Surface s = {first_leaf, leaf_size, box, triangle, opaque};
-    const Medium m = {majorant[c], g, nodes, origin, inverse_spacing, grid + c * nodes.w};
+    const Medium m = {majorant[c], nodes, origin, inverse_spacing, grid + c * nodes.w};
     Random random = {(uint4)(first_photon + item / n_channels, 0, 0, 0), (uint2)(seed, 2)};
     REAL4 u = uniform4(&random);
     const int l = pick(n_lights, cumulative, u.x), born = (first_photon + item / n_channels) % n_births;
