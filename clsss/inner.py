@@ -17,7 +17,7 @@ from clsss.lights import Emission, PointLight
 from clsss.octree import Octree
 from clsss.refinement import Refine, pool
 
-APART = 4.0  # leaves are at least as many of their widths away from a lamp or an edge of the emission
+LAMPS_APART, EDGES_APART = 8.0, 4.0  # widths of a leaf that it is at least away from lamps and from emission's edges
 VARIATION = 0.3  # greatest change of the emission over a leaf, relative to its greatest value there
 FAINT = 1e-3  # emission under this part of the strongest counts as none
 SAMPLES = 160  # places along a side where emission is looked at: finer grids are looked at in every other cell
@@ -78,8 +78,9 @@ class Inner:
         """Split where `refine` says, with depth counted from these lights too, and where they vary over a cell."""
 
         def both(centres: np.ndarray, h: float, depth: np.ndarray) -> np.ndarray:
-            apart = self._distance(centres)
-            split = refine(centres, h, np.minimum(depth, apart)) | (h * APART > apart)
+            lamps, edges = self._to_lamps(centres), self._to_edges(centres)
+            split = refine(centres, h, np.minimum(depth, np.minimum(lamps, edges)))
+            split |= (h * LAMPS_APART > lamps) | (h * EDGES_APART > edges)
             width = round(h / self._grid.h)
             if self._extremes and width >= self._step:
                 extremes = self._extremes[int(np.log2(width / self._step))]
@@ -89,14 +90,18 @@ class Inner:
 
         return both if len(self._lamps) or self._extremes else refine
 
-    def _distance(self, points: np.ndarray) -> np.ndarray:
-        """How far points (n, 3) are from the nearest lamp or edge of the emission [mm]."""
+    def _to_lamps(self, points: np.ndarray) -> np.ndarray:
+        """How far points (n, 3) are from the nearest lamp [mm]."""
         nearest = np.full(len(points), np.inf)
         for lamp in self._lamps:
             nearest = np.minimum(nearest, np.linalg.norm(points - lamp, axis=1))
-        if self._apart is not None:
-            nearest = np.minimum(nearest, self._apart[self._cells(points, self._step)])
         return nearest
+
+    def _to_edges(self, points: np.ndarray) -> np.ndarray:
+        """How far points (n, 3) are from the nearest edge of the emission [mm]."""
+        if self._apart is None:
+            return np.full(len(points), np.inf)
+        return self._apart[self._cells(points, self._step)]
 
     def _cells(self, points: np.ndarray, width: int) -> tuple[np.ndarray, ...]:
         """Where points lie in an array (z, y, x) of cells that are `width` finest cells wide."""
