@@ -52,7 +52,7 @@ from clsss.materials import fresnel_A
 from clsss.montecarlo import estimate
 from clsss.multigrid import Multigrid
 from clsss.refinement import varies
-from clsss.surface import fluence_at
+from clsss.surface import fluence_at, shares_at
 from clsss.winding import winding_number
 
 RADIUS = 10.0  # mm
@@ -128,7 +128,8 @@ def besides(device: Recorder, cells: int, name: str) -> None:
     sampled = diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
     mg = Multigrid(device, diffusion.make_operator(device, tree, sampled))
     layer, exchange = fitted_layer(device, tree, sampled), trace_exchange(tree, medium.eta)
-    scene = Scene(device, mesh, tree, sampled, mg, layer, exchange, (), None, True, 1e-4, 0)
+    at_vertices = shares_at(device, tree, mesh.vertices, mesh.normals)
+    scene = Scene(device, mesh, tree, sampled, mg, layer, exchange, at_vertices, (), None, True, 1e-4, 0)
     sun = DirectionalLight((0.3, -1, 0.2))
     light(scene, (sun,), None, defaultdict(float), lambda stage, share: None)
     anderson = Anderson(device, Field(device, tree), mg.r, None)
