@@ -264,8 +264,6 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         at_vertices = shares_at(dev, tree, mesh.vertices, mesh.normals)
     scene = Scene(dev, mesh, tree, coefficients, multigrid, layer, coupling, at_vertices, tuple(blockers), shadows,
                   scattering == "split", tolerance, before)  # fmt: skip
-    with timed("surface", seconds, lambda *_: None):
-        _ = scene.at_vertices  # while the solve's fields do not take memory yet
     return _bake(scene, medium, lights, None, seconds, start, tell)
 
 
