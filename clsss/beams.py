@@ -181,18 +181,31 @@ class Beams:
                    cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment, self.wall)  # fmt: skip
 
     def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:
-        """The beam of a lamp inside the object starts in a cell: what it emits there is no divergence of B."""
+        """The beam of a lamp inside the object starts there: what it emits is no divergence of B.
+
+        The eight cells around it share the power, so that its first moment is right: all in one cell's centroid, the
+        lamp would stand up to h / 2 aside.
+        """
         depth, index = self.octree.find(lamp.position[None])
         if index[0] < 0:
             return
-        k = len(self.octree.levels) - 1 - int(depth[0])
-        sigma_a, sigma_s = self.medium.sigma_a[k], self.medium.sigma_s[k]
-        if self.medium.homogeneous:
-            a, s = np.array(sigma_a.tolist()), np.array(sigma_s.tolist())
-        else:
-            a, s = (channels(values.get()[index[0]].astype(float)) for values in (sigma_a, sigma_s))
+        width = 2 ** int(depth[0])
+        at = self.octree.grid.to_cells(lamp.position) / width - 0.5
+        low = np.floor(at)
+        corners = np.array(list(np.ndindex(2, 2, 2)))
+        shares = np.where(corners, at - low, low + 1 - at).prod(axis=1)
+        depths, cells = self.octree.find(self.octree.grid.to_mm((low + corners + 0.5) * width))
+        outside = cells < 0
+        depths[outside], cells[outside] = depth[0], index[0]
         power = 4 * np.pi * channels(lamp.intensity / unit)
-        Q = self.Q[k].get()
-        Q[index[0]] += power * s / (a + s)
-        self.Q[k].set(Q)
+        for d, cell, share in zip(depths.tolist(), cells.tolist(), shares.tolist(), strict=True):
+            k = len(self.octree.levels) - 1 - d
+            sigma_a, sigma_s = self.medium.sigma_a[k], self.medium.sigma_s[k]
+            if self.medium.homogeneous:
+                a, s = np.array(sigma_a.tolist()), np.array(sigma_s.tolist())
+            else:
+                a, s = (channels(values.get()[cell].astype(float)) for values in (sigma_a, sigma_s))
+            Q = self.Q[k].get()
+            Q[cell] += share * power * s / (a + s)
+            self.Q[k].set(Q)
         self.incident += power[:3]

@@ -96,6 +96,14 @@ def test_a_lamp_inside_is_as_exact_as_on_the_uniform_grid():
     np.testing.assert_allclose(octree, uniform, rtol=0.03)
 
 
+@pytest.mark.parametrize("place", [(0.0, 0, 0), (0.1, 0.2, -0.15)])
+def test_a_lamp_inside_shines_to_all_sides_alike(place):
+    mesh, sides = load_mesh(trimesh.creation.icosphere(4, 10.0)), np.vstack([np.eye(3), -np.eye(3)])
+    medium = Material(sigma_a=0.06, sigma_s=2.94)
+    around = simulate(mesh, medium, [PointLight(place)], 64).fluence(np.array(place) + 2 * sides)[:, 0]
+    np.testing.assert_allclose(around, around.mean(), rtol=0.09)
+
+
 def test_relight_says_where_its_octree_is_too_coarse():
     result = simulate(load_mesh(trimesh.creation.icosphere(4, 10.0)), GLOWING, [DirectionalLight((0, 0, 1))], 64)
     with pytest.warns(UserWarning, match="simulate it again"):
