@@ -29,8 +29,8 @@ class Coupling(Protocol):
 
     level: int  # that it is solved together with
 
-    def respond(self, solve: Callable[[], None], r: Field, e: Field) -> None:
-        """Enqueue the solve of that level, of which `solve` is a V-cycle."""
+    def respond(self, solve: Callable[[int | None], None], r: Field, e: Field) -> None:
+        """Enqueue the solve of that level, of which `solve` is a V-cycle of some number of sweeps (None: the usual)."""
 
     def let_in(self, k: int, r: Buffer) -> None:
         """Enqueue to add what has moved to the right-hand side of a finer level `k`."""
@@ -44,8 +44,11 @@ class Follower(Protocol):
         """Its part in V-cycles."""
     state: np.ndarray  # (p, 3), affine in the solution
 
-    def update(self) -> float:
-        """Advance `state` by one step, for a complete solution; how far it moved, relative to its size."""
+    def update(self) -> None:
+        """Enqueue to advance `state` by one step, for a complete solution."""
+
+    def moved(self) -> float:
+        """How far that moved it, relative to its size."""
 
     def adjust(self, residual: Field) -> None:
         """Enqueue to add the part of the right-hand side that the last update found to a residual."""

@@ -19,8 +19,10 @@ from clsss.exchange import Exchange, patch_depth
 from clsss.residual import Residual
 from clsss.source import Source, subtract_moment
 from clsss.sparsematrix import SparseMatrix
+from clsss.sums import add_squares, sum_of_parts, tiles
 
 PASSAGES = 3  # of light between parts of the surface, within each cycle
+ROUGHLY = 1  # sweeps of a V-cycle that only tells what light goes on to the next passage
 
 
 def boundary_flux(residual: Residual, phi: Field, moment: Buffer, phi_B: Buffer | None = None) -> np.ndarray:
@@ -88,8 +90,8 @@ class Boundary:
             absorb, parent = op.absorb[k].get()[:, :3].astype(float), op.octree.levels[k + 1].parent
             assert parent is not None
             parents = parent.get()[: len(whole)]
-            over, summed = parents[over], np.zeros_like(absorb)
-            np.add.at(summed, parents, whole)
+            over = parents[over]
+            summed = np.stack([np.bincount(parents, values, len(absorb)) for values in whole.T], axis=1)
             whole = np.where(op.octree.levels[k].leaf[:, None], absorb, summed)
             cell, above = np.unique(over, return_inverse=True)
             gather = sparse.csr_matrix((np.ones(len(above)), (above, np.arange(len(above)))))
@@ -148,6 +150,7 @@ class PatchCoupling:
             device.kernel("passage", name) for name in ("take_rows", "put_rows", "leave", "enter", "subtract_scaled")
         )
         self._combination = device.kernel("reduce", "combine")
+        self._squares = [device.zeros((tiles(p), CHANNELS)) for _ in range(2)]
 
     def boundary_moment(self, plus: Buffer | None = None) -> Buffer:
         """First moment (n_cut, 4) at the boundary of all light that enters, and of `plus`."""
@@ -158,44 +161,60 @@ class PatchCoupling:
         self._blend.multiply(-self.exchange.gain, self._entered, self._moment, plus)
         return self._moment
 
-    def step(self, phi_B: Buffer, held: Buffer | None) -> None:
-        """B <- J.n + F B, for fluence (n_cut, 4) at the boundary, and J.n (p, 4) of a solution that is `held`."""
-        self._arriving.multiply(1, self.B, self._next, held)
+    def step(self, boundary_value: Callable[[Buffer], None], r_B: Buffer, held: Buffer | None) -> None:
+        """B <- J.n + F B.
+
+        Parameters
+        ----------
+        boundary_value : callable
+            Overwrites a first moment (n_cut, 4) at the boundary with the fluence there.
+        r_B : (n_cut, 4) real, device
+            First moment of all else.
+        held : (p, 4) real, device, or None
+            J.n of a solution that no longer changes.
+        """
+        self._arriving.multiply_both(self._entering, self.B, self._next, self._entered, held)
+        phi_B = self._moment_of_entered(r_B)
+        boundary_value(phi_B)
         self._share.multiply(1 / (2 * self.op.medium.fresnel_A), phi_B, self.change, self._next)
         self._next.copy_from(self.B)
         self.B.copy_from(self.change)
         self._combine(-1, self._next, 1, self.change)
+        for values, squares in zip((self.B, self.change), self._squares, strict=True):
+            add_squares(self.device, values, squares)
+
+    def moved(self) -> float:
+        """How far the last step moved B, relative to its size."""
+        size, change = (np.sqrt(sum_of_parts(squares)) for squares in self._squares)
+        return float((change / np.where(size > 0, size, 1)).max())
 
     def _combine(self, a: float, x: Buffer, b: float, y: Buffer) -> None:
         """Overwrite y with a x + b y, (p, 4) each."""
         p, scale = self.B.shape[0], [self.device.vector([v] * CHANNELS) for v in (a, b)]
         self.device.run(self._combination, p, p, *scale, x, y)
 
-    def respond(self, solve: Callable[[], None], r: Field, e: Field) -> None:
-        """Enqueue the solve of `level`, of which `solve` is a V-cycle, together with the light on its way."""
+    def respond(self, solve: Callable[[int | None], None], r: Field, e: Field) -> None:
+        """Enqueue the solve of `level`, of which `solve` is a V-cycle of some sweeps, with the light on its way."""
         run, k, p = self.device.run, self.level, self.B.shape[0]
         cell, _, _, at = self._above[k]
         m = cell.shape[0]
         for j, cells, kept in self._changed:
             run(self._take, cells.shape[0], cells.shape[0], cells, r[j], kept)
-        at_once = self.change  # what comes out of it before `level` has answered to it
-        self._entering.multiply(1, self.change, self._entered)
-        self._arriving.multiply(1, self.change, self._next)
+        # what comes out of the last step before `level` has answered to it
+        self._arriving.multiply_both(self._entering, self.change, self._next, self._entered)
         run(self._subtract, p, p, self._giving, self._entered, self._next)
-        at_once.copy_from(self._next)
-        self._more.fill(0)
+        self.change.copy_from(self._next)
         self._entered.fill(0)
         for passage in range(PASSAGES):
             if passage:
                 for j, cells, kept in self._changed:
                     run(self._put, cells.shape[0], cells.shape[0], cells, kept, r[j])
                 self.let_in(k, r[k])
-            solve()
-            self._arriving.multiply(1, self._more, self._next, at_once)
+            solve(ROUGHLY if passage < PASSAGES - 1 else None)
             run(self._leave, m, m, cell, self._leaving, e[k], at)
             self._share_above.multiply(1, at, self._more, self._next)
             run(self._subtract, p, p, self._giving, self._entered, self._more)
-            self._entering.multiply(1, self._more, self._entered)
+            self._arriving.multiply_both(self._entering, self._more, self._next, self._entered, self.change)
         self._combine(1, self._more, 1, self.B)
 
     def let_in(self, k: int, r: Buffer) -> None:
@@ -238,19 +257,18 @@ class Interreflection:
         self.coupling.change.set(channels(values[len(values) // 2 :]))
 
     def _captured_update(self, held: Buffer | None) -> Callable[[], None]:
-        def work() -> None:
-            phi_B = moment = self.coupling.boundary_moment(self.r_B)
-            self.residual.take_boundary_value(self._phi, moment, phi_B)
-            self.coupling.step(phi_B, held)
+        def boundary_value(phi_B: Buffer) -> None:
+            self.residual.take_boundary_value(self._phi, phi_B, phi_B)
 
-        return self.coupling.device.capture(work)
+        return self.coupling.device.capture(lambda: self.coupling.step(boundary_value, self.r_B, held))
 
-    def update(self) -> float:
-        """One step of the exchange; how far B moved, relative to its size."""
+    def update(self) -> None:
+        """Enqueue one step of the exchange."""
         self._update()
-        B, change = np.split(self.state, 2)
-        size = np.linalg.norm(B, axis=0)
-        return float((np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1)).max())
+
+    def moved(self) -> float:
+        """How far it moved B, relative to its size."""
+        return self.coupling.moved()
 
     def adjust(self, residual: Field) -> None:
         """Add C_B gain H_t to the residual of the cut cells."""

@@ -109,7 +109,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     last : Solution, optional
         Where the solve starts from.
     seconds : dict
-        Gets the seconds of the stages "source", "single" and "solve".
+        Gets the seconds of the stages "source", "single", "exchange" and "solve".
     tell : callable
         Told ``(stage, fraction)``.
 
@@ -129,10 +129,12 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         with timed("single", seconds, tell):
             once, kept, source = split(device, octree, medium, list(lights), unit, source, scene.shadows,
                                        scene.tolerance, lambda f: tell("single", f))  # fmt: skip
+    with timed("exchange", seconds, lambda *_: None):  # of a scene's first lights; sources need the memory before
+        coupling = scene.coupling
     with timed("solve", seconds, tell):
         scene.multigrid.residual.wall = source.wall
         phi = Field(device, octree)
-        follower = Interreflection(scene.coupling, scene.multigrid.residual, source, phi) if scene.coupling else None
+        follower = Interreflection(coupling, scene.multigrid.residual, source, phi) if coupling else None
         if last is not None:
             scene.multigrid.combine(last.unit / unit, last.phi, 0, phi)
             if follower:

@@ -24,7 +24,7 @@ from clsss.sums import inner_product
 
 SWEEPS = 2  # before and after the coarser level, on the finest
 COARSE_SWEEPS = 3  # on the others: little work, and what they leave undone adds up from level to level
-SLOW = 0.25  # a plain cycle that reduces the residual less is accelerated
+SLOW = 0.25  # plain cycles that reduce the residual less are accelerated, unless one more would do
 # Relaxation of the first red half-sweep and, after the coarser level, of the black ones (Yavneh 1996). The last
 # half-sweep before restricting must be plain: restriction counts on black cells without residual.
 OVER = 1.25
@@ -148,10 +148,11 @@ class Multigrid:
         m = coarse.covered.shape[0]
         run(self._restrict, m, m, coarse.covered, coarse.child, coarse.chain, self.e[k], self.r[k - 1])
 
-    def v_cycle(self, k: int, coupling: Coupling | None = None) -> None:
+    def v_cycle(self, k: int, coupling: Coupling | None = None, sweeps: int | None = None) -> None:
         """One V-cycle from level `k` down: `e` approximates the correction for the right-hand sides `r`.
 
-        A `coupling` takes part on its level and those finer than it.
+        A `coupling` takes part on its level and those finer than it. `sweeps` other than the usual number smooth each
+        level before and after the next.
         """
         levels, op, run = self.op.octree.levels, self.op, self.device.run
         if k == 0:
@@ -161,22 +162,22 @@ class Multigrid:
         fine, coarse = levels[k], levels[k - 1]
         _, black, end = fine.colour_start
         self.e[k].fill(0, fine.n)
-        self.smooth(k, from_zero=True)
+        self.smooth(k, sweeps, from_zero=True)
         m = coarse.interface.shape[0]
         run(self._reflux, m, m, fine.n, coarse.interface, coarse.interface_start, fine.ghost_face,
             op.T[k].row, op.T[k].values, self.e[k], self.r[k - 1])  # fmt: skip
         self.restrict(k)
         if coupling and coupling.level == k - 1:
-            coupling.respond(lambda: self.v_cycle(k - 1), self.r, self.e)
+            coupling.respond(lambda number: self.v_cycle(k - 1, sweeps=number), self.r, self.e)
         else:
-            self.v_cycle(k - 1, coupling)
+            self.v_cycle(k - 1, coupling, sweeps)
         if coupling:
             coupling.let_in(k, self.r[k])
         run(self._ghosts, fine.n_ghost, fine.n_ghost, fine.n, fine.parent, self.e[k - 1], self.e[k])
         # red cells are overwritten next
         run(self._prolong, end - black, black, end - black, fine.position, fine.nbr, fine.parent, op.weight[k],
             self.e[k - 1], self.e[k])  # fmt: skip
-        self.smooth(k)
+        self.smooth(k, sweeps)
 
     def inner_product(self, x: Field, y: Field) -> np.ndarray:
         """Sum over all cells of x y, by colour channel (3,)."""
@@ -231,10 +232,11 @@ class Multigrid:
         residuals: list[np.ndarray] = []
         while True:
             self._take_residual()
-            moving = follower.update() if follower else 0.0
-            if adjust:
+            if follower and adjust:
+                follower.update()
                 adjust()
             square = anderson.measure() if anderson else self.inner_product(r, r)
+            moving = follower.moved() if follower else 0.0
             residuals.append(np.where(lit, np.sqrt(square) / np.where(lit, scale, 1), 0))
             history = [float(r.max()) for r in residuals]
             done = history[-1] <= tolerance and moving <= MOVING * tolerance
@@ -254,8 +256,10 @@ class Multigrid:
                     held = Held(phi, b, r, self.residual.wall, follower)
                     if adjust:
                         adjust()
-            if anderson is None and len(history) > 2 and history[-1] > SLOW * history[-2]:
-                anderson = Anderson(self.device, phi, r, follower)
+            if anderson is None and len(history) > 2:
+                rate = history[-1] / history[-2]
+                if rate > SLOW and rate * history[-1] > tolerance:
+                    anderson = Anderson(self.device, phi, r, follower)
             if anderson:
                 anderson.combine()
             self._cycle()

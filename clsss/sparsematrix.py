@@ -39,6 +39,7 @@ class SparseMatrix:
     def __init__(self, device: Device, matrix: sparse.csr_matrix, like: SparseMatrix | None = None):
         self.device, self.n, self._places = device, matrix.shape[0], (matrix.indptr, matrix.indices)
         self._kernel = device.kernel("exchange", "sparse_product")
+        self._kernels = device.kernel("exchange", "sparse_products")
         count, start, column = np.diff(matrix.indptr), matrix.indptr, matrix.indices
         number, unit = _whole_numbers(count, matrix.data)
         narrow = matrix.shape[1] <= 1 << 16
@@ -57,6 +58,11 @@ class SparseMatrix:
         """Overwrite y (n, 4) with ``scale * A @ x + plus``, all on the device."""
         self.device.run(self._kernel, self.n, self.n, int(plus is not None), float(scale), *self.rows, x,
                         plus or x, y)  # fmt: skip
+
+    def multiply_both(self, other: SparseMatrix, x: Buffer, y: Buffer, z: Buffer, plus: Buffer | None = None) -> None:
+        """Overwrite y with ``A @ x + plus`` and z with ``other @ x``, whose entries are in the same places."""
+        self.device.run(self._kernels, self.n, self.n, int(plus is not None), *self.rows, *other.rows[4:], x, plus or x,
+                        y, z)  # fmt: skip
 
 
 def _whole_numbers(count: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

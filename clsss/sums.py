@@ -28,6 +28,12 @@ def inner_product(device: Device, x: Field, y: Field) -> np.ndarray:
     return sum_of_parts(partial)
 
 
+def add_squares(device: Device, values: Buffer, partial: Buffer) -> None:
+    """Enqueue the sums of the squares of values (n, 4), tile by tile."""
+    n = values.shape[0]
+    device.run(device.kernel("reduce", "inner_product"), GROUP * tiles(n), n, values, values, partial, group=GROUP)
+
+
 def total(device: Device, values: Buffer) -> np.ndarray:
     """Sum of values (n, 4) over their rows (3,)."""
     n = values.shape[0]

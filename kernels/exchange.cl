@@ -27,3 +27,22 @@ __kernel void sparse_product(const int n, const int added, const REAL scale, MAT
         for (int k = first; k < end; k++) sum += spread(number[k]) * x[wide[k]];
     y[i] = scale * (unit ? unit[i] : (REAL)1 / PARTS) * sum + (added ? z[i] : (REAL4)(0));
 }
+
+/* y = A x, plus w where `added`, and z = A' x of a matrix with entries in the same places. */
+// cost sparse_products: 50R+40 B, 112 flop
+__kernel void sparse_products(const int n, const int added, MATRIX, __global const ushort *restrict other_number,
+                              __global const REAL *restrict other_unit, __global const REAL4 *restrict x,
+                              __global const REAL4 *restrict w, __global REAL4 *restrict y,
+                              __global REAL4 *restrict z) {
+    const int i = get_global_id(0);
+    if (i >= n) return;
+    const int first = start ? start[i] : i * width, end = start ? start[i + 1] : first + width;
+    REAL4 sum = (REAL4)(0), other = (REAL4)(0);
+    for (int k = first; k < end; k++) {
+        const REAL4 value = x[narrow ? narrow[k] : wide[k]];
+        sum += spread(number[k]) * value;
+        other += spread(other_number[k]) * value;
+    }
+    y[i] = (unit ? unit[i] : (REAL)1 / PARTS) * sum + (added ? w[i] : (REAL4)(0));
+    z[i] = (other_unit ? other_unit[i] : (REAL)1 / PARTS) * other;
+}

@@ -57,7 +57,7 @@ def test_means_of_levels_above_are_means(hollow):
 def lagging(self, solve, r, e):
     """A coupling that lets the light pass between cycles alone."""
     self._entered.fill(0)
-    solve()
+    solve(None)
 
 
 @pytest.mark.parametrize("resolution", [48, 96])
