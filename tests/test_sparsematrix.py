@@ -66,6 +66,10 @@ def test_matrices_alike_hold_their_places_once(device):
     found, alone = device.zeros((500, 4)), product(device, half, x)
     other.multiply(1, device.array(np.repeat(x[:, None], 4, axis=1)), found)
     assert np.array_equal(found.get()[:, 0], alone)
+    both, spread = [device.zeros((500, 4)) for _ in range(2)], device.array(np.repeat(x[:, None], 4, axis=1))
+    one.multiply_both(other, spread, *both)
+    np.testing.assert_allclose(both[0].get()[:, 0], product(device, matrix, x), rtol=4 * np.finfo(device.real).eps)
+    np.testing.assert_allclose(both[1].get()[:, 0], alone, rtol=4 * np.finfo(device.real).eps)
 
 
 def test_four_bytes_an_entry(device):
