@@ -15,7 +15,6 @@ judges none that needs more than it runs.
 from __future__ import annotations
 
 import argparse
-import gzip
 import importlib.util
 import multiprocessing
 import os
@@ -33,7 +32,8 @@ from typing import Any
 
 import numpy as np
 import problems
-from measuring import Target, add_outputs, bandwidth_unit, hardware, peak_rss, print_targets, write_outputs
+from measuring import bandwidth_unit, hardware, peak_rss, unpacked_bytes
+from outputs import Target, add_outputs, print_targets, write_outputs
 from peers import Comparison, compare
 
 from clsss import DirectionalLight, Mesh, Mix, Perlin, load_mesh, material, simulate
@@ -108,15 +108,6 @@ def read(name: str) -> Mesh:
     if name == "ball":
         return load_mesh(problems.ball(SIZE / 2, subdivisions=6), size=SIZE)
     return load_mesh(name, size=SIZE)
-
-
-def unpacked_bytes(name: str) -> int:
-    """Size of a mesh's file, or of what is packed in it."""
-    path = Path(name)
-    if not path.exists():
-        return 0
-    with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
-        return file.seek(0, os.SEEK_END)
 
 
 def bake(job: Job) -> Bake:

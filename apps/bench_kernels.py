@@ -28,17 +28,8 @@ from typing import Any
 import numpy as np
 import problems
 from kernel_models import verify
-from measuring import (
-    Launch,
-    Recorder,
-    Target,
-    Triad,
-    add_outputs,
-    hardware,
-    paired,
-    print_targets,
-    write_outputs,
-)
+from measuring import Launch, Recorder, Triad, hardware, paired
+from outputs import Target, add_outputs, print_targets, write_outputs
 
 from clsss import DirectionalLight, Material, Mix, Perlin, cutcell, diffusion, octree, source
 from clsss.anderson import Anderson

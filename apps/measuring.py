@@ -1,4 +1,4 @@
-"""What the benchmarks share: the triad that times are measured against, launches to repeat, targets, the machine.
+"""What the benchmarks share: the triad that times are measured against, launches to repeat, the machine.
 
 A share is taken between a kernel and a triad that ran moments apart, over and over, and is the median of those
 ratios: other work on the machine slows both.
@@ -6,8 +6,7 @@ ratios: other work on the machine slows both.
 
 from __future__ import annotations
 
-import argparse
-import json
+import gzip
 import os
 import re
 import statistics
@@ -31,34 +30,6 @@ _TRIAD = """__kernel void triad(const int first, const int n, const REAL s, __gl
                                 __global const REAL4 *restrict c, __global REAL4 *restrict a)
             { const int i = first + get_global_id(0); if (i < first + n) a[i] = b[i] + s * c[i]; }"""
 _COST = re.compile(r"// cost (\w+): ([\dRCM+]+) B, (\d+) flop")
-
-
-@dataclass(frozen=True)
-class Target:
-    """A measured figure and its bound; without a figure it was not measured in this run."""
-
-    name: str
-    figure: float | None
-    bound: float
-    unit: str = ""
-    at_least: bool = False
-
-    @property
-    def verdict(self) -> str:
-        """pass, FAIL, or not run; what is no number fails."""
-        if self.figure is None:
-            return "not run"
-        met = self.figure >= self.bound if self.at_least else self.figure <= self.bound
-        return "pass" if met else "FAIL"
-
-    def __str__(self) -> str:
-        figure = "-" if self.figure is None else f"{self.figure:.3g} {self.unit}"
-        bound = f"{'>=' if self.at_least else '<='} {self.bound:g} {self.unit}"
-        return f"{self.name:<64} {figure:>10}  {bound:<10}  {self.verdict}"
-
-    def record(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**vars(self), "verdict": self.verdict}
 
 
 class Recorder(Device):
@@ -302,26 +273,10 @@ def peak_rss() -> float:
     return 1024.0 * int(found[1]) if found else float("nan")
 
 
-def print_targets(targets: list[Target]) -> int:
-    """Print them; how many are missed."""
-    print("\ntargets")
-    for target in targets:
-        print(f"  {target}")
-    return sum(target.verdict == "FAIL" for target in targets)
-
-
-def add_outputs(parser: argparse.ArgumentParser, picture: str) -> None:
-    """Where figures and a picture of `picture` go."""
-    parser.add_argument("--json", metavar="FILE", help="write all figures to this file")
-    parser.add_argument("--out", metavar="FOLDER", help=f"draw {picture} into this folder (needs matplotlib)")
-
-
-def write_outputs(args: argparse.Namespace, figures: dict[str, Any], targets: list[Target], name: str,
-                  draw: Callable[[Path], None]) -> None:  # fmt: skip
-    """Write what `add_outputs` let ask for: figures and targets, and the picture `name` that `draw` makes."""
-    if args.json:
-        everything = {**figures, "targets": [target.record() for target in targets]}
-        Path(args.json).write_text(json.dumps(everything, indent=1))
-    if args.out:
-        Path(args.out).mkdir(parents=True, exist_ok=True)
-        draw(Path(args.out) / name)
+def unpacked_bytes(name: str) -> int:
+    """Size of a mesh's file, or of what is packed in it."""
+    path = Path(name)
+    if not path.exists():
+        return 0
+    with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        return file.seek(0, os.SEEK_END)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from shapes import box_triangles, build_operator, build_tree, flask, hollow_sphere, solid
 
+from clsss.boundary import Boundary
 from clsss.exchange import trace_exchange
-from clsss.interreflection import Boundary, PatchCoupling
+from clsss.interreflection import PatchCoupling
 from clsss.lights import DirectionalLight
 from clsss.materials import Material, material
 from clsss.mesh import Mesh, load_mesh

@@ -47,6 +47,7 @@ LAYERS = {
     3.2: ["rounding"],
     4: ["arguments", "multigrid", "surface"],
     4.1: ["exchange", "single"],
+    4.12: ["boundary"],
     4.15: ["interreflection"],
     4.2: ["lighting"],
     4.3: ["report"],
