@@ -38,20 +38,21 @@ class HalfEdges:
 def half_edges(corners: np.ndarray) -> HalfEdges:
     """Half-edges of triangles given as corners (f, 3), grouped by edge."""
     tail, head = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-    low, high = np.minimum(tail, head), np.maximum(tail, head)
     n = int(corners.max(initial=0)) + 1
-    key = low.astype(np.int64)
+    key = np.minimum(tail, head).astype(np.int64)
     key *= n
-    key += high
-    order = np.argsort(key)
-    key = key[order]
+    key += np.maximum(tail, head)
+    sign = np.where(tail < head, np.int8(1), np.int8(-1))
+    del tail, head
+    order = np.argsort(key).astype(np.int32)
+    key, sign = key[order], sign[order]
+    order //= 3
     new = np.concatenate([[True], key[1:] != key[:-1]]) if len(key) else np.zeros(0, bool)
-    start = np.flatnonzero(new)
-    sign = np.where(tail < head, np.int8(1), np.int8(-1))[order]
-    net = np.add.reduceat(sign, start, dtype=np.int64) if len(start) else np.zeros(0, np.int64)
-    ends = np.stack([key[start] // n, key[start] % n], axis=1)
-    edge, count = np.cumsum(new, dtype=np.int32) - 1, np.diff(start, append=len(key))
-    return HalfEdges(order // 3, sign, edge, start, count, net, ends)
+    start = np.flatnonzero(new).astype(np.int32)
+    net = np.add.reduceat(sign, start, dtype=np.int32) if len(start) else np.zeros(0, np.int32)
+    ends = np.stack([key[start] // n, key[start] % n], axis=1, dtype=np.int32, casting="unsafe")
+    edge, count = np.cumsum(new, dtype=np.int32) - 1, np.diff(start, append=np.int32(len(key)))
+    return HalfEdges(order, sign, edge, start, count, net, ends)
 
 
 def join(a: np.ndarray, b: np.ndarray, n: int) -> np.ndarray:

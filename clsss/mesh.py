@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["Mesh", "RayCaster", "contains", "load_mesh", "opaque_triangles"]
 
 MOST_CAPS = 0.25  # share of the surface that holes' caps may be until that is said
+SOME = 1 << 16  # triangles at a time, so that sums over them take little memory
 _FLAT = 1e-7  # volume over area times length: what rounding to float32 leaves of zero
 
 
@@ -79,10 +80,14 @@ class Mesh:
     @cached_property
     def area_and_volume(self) -> tuple[float, float]:
         """Area [mm^2] of the surface that bounds the solid, and the volume [mm^3] in it."""
-        a, b, c = np.moveaxis(self.triangles - self.bounds.mean(axis=0), 0, 2).copy()
-        normal = cross(b - a, c - a)
-        area = np.sqrt(np.einsum("ij,ij->j", normal, normal)).sum() / 2
-        return float(area), float(abs(np.einsum("ij,ij->", a, normal)) / 6)
+        area = volume = 0.0
+        for first in range(0, len(self.triangles), SOME):
+            some = self.triangles[first : first + SOME] - self.bounds.mean(axis=0)
+            a, b, c = np.moveaxis(some, 0, 2).copy()
+            normal = cross(b - a, c - a)
+            area += np.sqrt(np.einsum("ij,ij->j", normal, normal)).sum() / 2
+            volume += np.einsum("ij,ij->", a, normal) / 6
+        return float(area), float(abs(volume))
 
 
 def opaque_triangles(blockers: Sequence[Mesh]) -> np.ndarray | None:
@@ -225,6 +230,8 @@ def require_volume(mesh: Mesh) -> None:
 
 def _warn_of_caps(mesh: Mesh, is_cap: np.ndarray) -> None:
     """Say so where much of the surface (m,) was made up: a sheet, or the half of an object."""
+    if not is_cap.any():
+        return
     a, b, c = np.moveaxis(mesh.triangles, 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if (share := area[is_cap].sum() / area.sum()) > MOST_CAPS:
