@@ -1,4 +1,14 @@
-"""The boundary of the cut cells as coarser levels have it, for light that passes between parts of the surface."""
+"""The boundary of the cut cells as coarser levels have it, for light that passes between parts of the surface.
+
+    J.n = (phi - gain H_t) / (2A + d/D)
+
+with phi at depth d under the surface, and gain H_t what entering light adds to the fluence there (exchange.py). A
+coarser cell has the sums of A_B / (2A + d/D) over the cut cells under it.
+
+References
+----------
+Haber et al. 2005, eq. (5): the boundary condition, light from elsewhere added as in Haskell et al. 1994.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +19,7 @@ from scipy import sparse
 
 from clsss.diffusion import Operator
 from clsss.exchange import Exchange
+from clsss.surface import boundary_points
 
 
 class Above(NamedTuple):
@@ -48,9 +59,8 @@ class Boundary:
     def __init__(self, op: Operator):
         octree, medium, cut = op.octree, op.medium, op.octree.cut
         self.op, self._cut_cell = op, cut.cell.get()
-        x, x_B, n = (values.get()[:, :3].astype(float) for values in (cut.centroid, cut.boundary, cut.normal))
-        n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
-        depth = octree.grid.h * np.maximum(((x_B - x) * n).sum(axis=1, keepdims=True), 0.1)
+        away = (cut.boundary.get() - cut.centroid.get())[:, :3].astype(float)
+        depth = octree.grid.h * np.maximum((away * boundary_points(octree)[1]).sum(axis=1, keepdims=True), 0.1)
         D = np.array(medium.D_cut.tolist()) if medium.homogeneous else medium.D_cut.get().astype(float)
         self.area = cut.boundary.get()[:, 3:].astype(float) * octree.grid.h**2
         self.per_area = 1 / (2 * medium.fresnel_A + depth / D[..., :3])

@@ -18,7 +18,7 @@ from clsss.exchange import Exchange, patch_depth
 from clsss.residual import Residual
 from clsss.source import Source, subtract_moment
 from clsss.sparsematrix import SparseMatrix
-from clsss.sums import add_squares, sum_of_parts, tiles
+from clsss.sums import sum_of_parts, take_products, tiles
 
 PASSAGES = 3  # of light between parts of the surface, within each cycle
 ROUGHLY = 1  # sweeps of a V-cycle that only tells what light goes on to the next passage
@@ -108,7 +108,7 @@ class PatchCoupling:
         self.B.copy_from(self.change)
         self._combine(-1, self._next, 1, self.change)
         for values, squares in zip((self.B, self.change), self._squares, strict=True):
-            add_squares(self.device, values, squares)
+            take_products(self.device, values, values, squares)
 
     def moved(self) -> float:
         """How far the last step moved B, relative to its size."""

@@ -22,16 +22,15 @@ def sum_of_parts(partial: Buffer) -> np.ndarray:
 
 def inner_product(device: Device, x: Field, y: Field) -> np.ndarray:
     """Sum over all cells of x y (3,)."""
-    n = x.whole.shape[0]
-    partial = device.empty((tiles(n), CHANNELS))
-    device.run(device.kernel("reduce", "inner_product"), GROUP * tiles(n), n, x.whole, y.whole, partial, group=GROUP)
+    partial = device.empty((tiles(x.whole.shape[0]), CHANNELS))
+    take_products(device, x.whole, y.whole, partial)
     return sum_of_parts(partial)
 
 
-def add_squares(device: Device, values: Buffer, partial: Buffer) -> None:
-    """Enqueue the sums of the squares of values (n, 4), tile by tile."""
-    n = values.shape[0]
-    device.run(device.kernel("reduce", "inner_product"), GROUP * tiles(n), n, values, values, partial, group=GROUP)
+def take_products(device: Device, x: Buffer, y: Buffer, partial: Buffer) -> None:
+    """Enqueue the sums of x y, (n, 4) each, tile by tile."""
+    n = x.shape[0]
+    device.run(device.kernel("reduce", "inner_product"), GROUP * tiles(n), n, x, y, partial, group=GROUP)
 
 
 def total(device: Device, values: Buffer) -> np.ndarray:
