@@ -29,16 +29,26 @@ def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, s
     require_volume(mesh)
     if not hasattr(medium, "coefficients"):
         raise InputError(f"medium: needs a Material, Mix or Grid (clsss.material('marble') is one), got {medium!r}")
-    whole = isinstance(resolution, (int, float, np.number)) and not isinstance(resolution, bool)
-    if not whole or not np.isfinite(resolution) or resolution != int(resolution) or resolution < 4:
-        raise InputError(f"resolution: needs a whole number of at least 4 cells, got {resolution!r}")
-    if not isinstance(tolerance, (float, np.floating)) or not 0 < tolerance < 1:
-        raise InputError(f"tolerance: needs a number between 0 and 1, got {tolerance!r}")
+    check_solver(resolution, tolerance)
     if phase not in PHASES:
         raise InputError(f"phase: unknown value {phase!r}; use {', '.join(PHASES)}")
     if scattering not in ("all", "split"):
         raise InputError(f"scattering: unknown value {scattering!r}; use all or split")
     opaque_triangles(blockers)
+
+
+def check_solver(resolution: Any, tolerance: Any) -> None:
+    """Refuse a resolution or a tolerance of the wrong kind or out of range.
+
+    Raises
+    ------
+    InputError
+    """
+    whole = isinstance(resolution, (int, float, np.number)) and not isinstance(resolution, bool)
+    if not whole or not np.isfinite(resolution) or resolution != int(resolution) or resolution < 4:
+        raise InputError(f"resolution: needs a whole number of at least 4 cells, got {resolution!r}")
+    if not isinstance(tolerance, (float, np.floating)) or not 0 < tolerance < 1:
+        raise InputError(f"tolerance: needs a number between 0 and 1, got {tolerance!r}")
 
 
 def checked_lights(lights: Any) -> tuple[Any, ...]:

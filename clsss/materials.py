@@ -232,7 +232,7 @@ def material(name: str) -> Material:
 
     known = {plain(n): n for n in table["materials"]} | {plain(a): n for a, n in table["aliases"].items()}
     if plain(name) not in known:
-        near = difflib.get_close_matches(plain(name), known, 3, 0.5)
+        near = difflib.get_close_matches(plain(name), known)
         names = list(dict.fromkeys(known[n] for n in near)) or materials()[:12]
         raise InputError(f"material: unknown name {name!r}; among those known are {', '.join(names)}")
     row = table["materials"][known[plain(name)]]

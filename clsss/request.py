@@ -24,11 +24,45 @@ DEMO_SIZE = 20.0
 _MATERIAL_KEYS = ("name", "source", "sigma_a", "sigma_s", "sigma_s_prime", "g", "eta")
 
 
+def check(args: argparse.Namespace) -> None:
+    """Refuse what is wrong whatever the mesh is, so that it is told before the mesh is read.
+
+    Raises
+    ------
+    InputError
+        A file that the options name is missing, a number is out of range, or a material is unknown.
+    DeviceError
+        The device that the options name does not work.
+    """
+    lights = args.lights or ()
+    files = [None if _is_demo(args) else args.mesh, *(args.blockers or ()), args.grid, *(o.file for o in lights)]
+    for path in files:
+        if path and not Path(path).exists():
+            raise InputError(f"{path}: there is no such file")
+    materials_from(args)
+    import numpy as np
+
+    for option in lights:
+        if not option.file:
+            _light(option, np.array([[0.0] * 3, [1.0] * 3]), args.up)  # any box will do
+    from clsss.arguments import check_solver
+
+    check_solver(args.resolution, args.tolerance)
+    if args.device:
+        from clsss.device import open_device
+
+        open_device(args.device, args.precision)
+
+
+def _is_demo(args: argparse.Namespace) -> bool:
+    return args.mesh == DEMO and not Path(DEMO).exists()
+
+
 def mesh_from(args: argparse.Namespace) -> Mesh:
     """The mesh that the options name, at its size."""
     from clsss.mesh import load_mesh
 
-    if args.mesh == DEMO and not Path(DEMO).exists():
+    if _is_demo(args):
         from clsss.demo import demo_mesh
 
         return replace(load_mesh(demo_mesh(), size=args.size or DEMO_SIZE), name=DEMO)
@@ -72,17 +106,24 @@ def size_note(args: argparse.Namespace, mesh: Mesh) -> str:
 
 def medium_from(args: argparse.Namespace, mesh: Mesh) -> Medium:
     """The medium that the options describe."""
+    materials = materials_from(args)
     if args.vertex_colours is not None:
-        return _painted(args, mesh)
+        return _painted(args, mesh, materials)
     if args.grid:
-        return _voxels(args, mesh)
-    base = _base(args)
+        return _voxels(args, mesh, materials)
     if args.mix is None:
-        return base
+        return materials[0]
     from clsss.media import Mix, Perlin
 
-    name, scale, seed = args.mix
-    return Mix(base, _named(name), Perlin(scale or mesh.size / 4, seed))
+    _, scale, seed = args.mix
+    return Mix(materials[0], materials[1], Perlin(scale or mesh.size / 4, seed))
+
+
+def materials_from(args: argparse.Namespace) -> list[Material]:
+    """The one or two materials that the options name."""
+    if args.vertex_colours:
+        return [_override(_named(name), args) for name in args.vertex_colours]
+    return [_base(args), *([_named(args.mix[0])] if args.mix else ())]
 
 
 def _named(name: str) -> Material:
@@ -105,7 +146,7 @@ def _base(args: argparse.Namespace) -> Material:
     return _override(_named(args.material or DEFAULT_MATERIAL), args)
 
 
-def _painted(args: argparse.Namespace, mesh: Mesh) -> Medium:
+def _painted(args: argparse.Namespace, mesh: Mesh, materials: list[Material]) -> Medium:
     """What the mesh's file is painted with, extended inward."""
     from clsss.paint import Inward, read_colours
 
@@ -114,12 +155,11 @@ def _painted(args: argparse.Namespace, mesh: Mesh) -> Medium:
     points, colours = read_colours(args.mesh)
     points = points * mesh.report["scale"]
     if not args.vertex_colours:
-        return Inward.painted(points, colours, _base(args))
-    dark, bright = (_override(_named(name), args) for name in args.vertex_colours)
-    return Inward.blend(points, colours.mean(axis=1), dark, bright)
+        return Inward.painted(points, colours, *materials)
+    return Inward.blend(points, colours.mean(axis=1), *materials)
 
 
-def _voxels(args: argparse.Namespace, mesh: Mesh) -> Medium:
+def _voxels(args: argparse.Namespace, mesh: Mesh, materials: list[Material]) -> Medium:
     """What a file of voxels describes."""
     from clsss.media import Grid, Mix, Voxels
     from clsss.volumes import place, read_volume
@@ -131,7 +171,7 @@ def _voxels(args: argparse.Namespace, mesh: Mesh) -> Medium:
             assert volume.weight is not None
             if args.mix is None:
                 raise InputError("holds one number a voxel, a weight; --mix NAME says of which material")
-            return Mix(_base(args), _named(args.mix[0]), Voxels(volume.weight, origin, spacing))
+            return Mix(materials[0], materials[1], Voxels(volume.weight, origin, spacing))
         if any(option is not None for option in (args.material, args.sigma_a, args.sigma_s, args.mix)):
             raise InputError("holds coefficients; leave --material, --sigma-a, --sigma-s and --mix out")
         g = volume.g if args.g is None else args.g
@@ -175,10 +215,10 @@ def material_file(path: str) -> Material:
 
 def lights_from(args: argparse.Namespace, mesh: Mesh) -> list[Light]:
     """The lights that the options describe, in the mesh's frame."""
-    return [_light(option, mesh, args.up) for option in args.lights or default_lights(args.up)]
+    return [_light(option, mesh.bounds, args.up) for option in args.lights or default_lights(args.up)]
 
 
-def _light(option: LightOption, mesh: Mesh, up: str) -> Light:
+def _light(option: LightOption, bounds: np.ndarray, up: str) -> Light:
     import numpy as np
 
     from clsss.images import read_radiance
@@ -191,7 +231,7 @@ def _light(option: LightOption, mesh: Mesh, up: str) -> Light:
     vector = np.array(option.vector)
     if option.kind == "directional":
         return DirectionalLight(vector, strength)
-    low, high = mesh.bounds
+    low, high = bounds
     centre = (low + high) / 2
     position = centre + vector * (high - low) / 2 if option.in_box else vector
     away = max(np.linalg.norm(position - centre), (high - low).min() / 2)

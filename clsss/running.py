@@ -173,6 +173,9 @@ def progress_bar(args: argparse.Namespace) -> Iterator[Callable[[str, float], No
 
 def bake_with_bar(args: argparse.Namespace) -> Result:
     """Load and bake, with a progress bar; Ctrl-C works throughout."""
+    from clsss.request import check
+
+    interruptible(lambda: check(args))
     mesh = interruptible(lambda: load(args))
     with progress_bar(args) as show:
         return interruptible(lambda: bake(args, mesh, show))

@@ -10,7 +10,7 @@ import sys
 
 from clsss import scenefile
 from clsss.options import LIGHT_HELP, WINDOW_HELP, Parser, add_camera, add_shared, add_window_size
-from clsss.running import bake_with_bar, run_and_leave
+from clsss.running import bake_with_bar, interruptible, run_and_leave
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -23,8 +23,10 @@ def main(argv: list[str] | None = None) -> None:
         if args.screenshot:
             screenshot(args)
         else:
+            from clsss.request import check
             from clsss.window import Window
 
+            interruptible(lambda: check(args))
             window = Window(args)
             window.run()
             args = window.seen()

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsss import cli, grammar, images, listing, options, request, running, scenefile
+from clsss import cli, grammar, images, listing, options, request, running, scenefile, view
 from clsss.errors import DeviceError, InputError
 
 ROOT = Path(__file__).parent.parent
@@ -228,6 +228,39 @@ def test_bad_output_is_told_before_anything_is_read(tmp_path, output):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--material", "marbel"], "marble"),
+        (["--mix", "none.toml"], "none.toml"),
+        (["--vertex-colours", "marble:nothing"], "unknown name 'nothing'"),
+        (["--light", "env:none.hdr"], "none.hdr"),
+        (["--light", "point:0,2,0b:-1"], "intensity"),
+        (["--blocker", "none.ply"], "none.ply"),
+        (["--grid", "none.npz"], "none.npz"),
+        (["--material", "marble", "--sigma-a=-1"], "sigma_a"),
+        (["--eta", "0"], "eta"),
+        (["--resolution", "2"], "resolution"),
+        (["--tolerance", "2"], "tolerance"),
+        (["--device", "no such device"], "no such device"),
+    ],
+)
+def test_what_is_wrong_whatever_the_mesh_is_told_before_it_is_read(tmp_path, words, says):
+    path = tmp_path / "mesh.ply"
+    path.write_text("no mesh")
+    parser = argparse.ArgumentParser()
+    options.add_shared(parser)
+    with pytest.raises((InputError, DeviceError), match=says):
+        running.bake_with_bar(scenefile.parse(parser, [str(path), *words]))
+
+
+def test_the_window_waits_for_nothing_that_is_wrong_already(monkeypatch, capsys):
+    monkeypatch.setattr(running, "leave", lambda code: None)
+    monkeypatch.setattr("clsss.window.Window", lambda args: pytest.fail("opened a window"))
+    view.main(["demo", "--material", "marbel"])
+    assert capsys.readouterr().err.startswith("clsss: error: material: unknown name 'marbel'")
+
+
 def test_missing_mesh(tmp_path):
     pytest.importorskip("clsss.mesh")
     done = clsss("bake", tmp_path / "größe x.ply", "-o", tmp_path / "a.glb")
@@ -268,7 +301,7 @@ cli.main()
 
 
 def test_interrupt_ends_a_bake_at_once(tmp_path):
-    words = [sys.executable, "-c", STUCK, "bake", "x.ply", "-o", str(tmp_path / "x.glb")]
+    words = [sys.executable, "-c", STUCK, "bake", "demo", "-o", str(tmp_path / "x.glb")]
     process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "baking\n"
     process.send_signal(signal.SIGINT)
