@@ -37,9 +37,9 @@ from clsss.device import Buffer
 from clsss.diffusion import Field
 from clsss.dipole import dipole
 from clsss.exchange import trace_exchange
+from clsss.fresnel import fresnel_A
 from clsss.layer import fitted_layer
 from clsss.lighting import Scene, light
-from clsss.materials import fresnel_A
 from clsss.montecarlo import estimate
 from clsss.multigrid import Multigrid
 from clsss.refinement import varies

@@ -21,7 +21,7 @@ from clsss import DirectionalLight, Emission
 from clsss.analytic import slab
 from clsss.analytic_sphere import sphere_beam
 from clsss.device import Device
-from clsss.materials import fresnel_A, fresnel_transmittance
+from clsss.fresnel import fresnel_A, fresnel_transmittance
 from clsss.surface import boundary_points, fluence_at
 
 DEPTHS = np.array([0.05, 0.5, 5.0])  # sigma_tr h of the three channels

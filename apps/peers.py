@@ -19,7 +19,7 @@ from scipy import sparse
 from clsss import Emission, cutcell, diffusion, octree, source
 from clsss.device import Device
 from clsss.diffusion import Field
-from clsss.materials import fresnel_A
+from clsss.fresnel import fresnel_A
 from clsss.multigrid import Multigrid
 
 MEDIUM = problems.layer(np.array([2.0, 3.0, 4.0]), 0.998)

@@ -15,7 +15,7 @@ import trimesh
 
 from clsss import Material, Mesh, load_mesh
 from clsss.analytic_sphere import sphere as exact_sphere
-from clsss.materials import fresnel_A
+from clsss.fresnel import fresnel_A
 
 TILT = trimesh.transformations.euler_matrix(0.4, 0.7, 1.1)
 AXIS = np.array([1.0, 0.3, 0.2]) / np.linalg.norm([1.0, 0.3, 0.2])

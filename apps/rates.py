@@ -12,7 +12,7 @@ import problems
 from clsss import Emission, Mesh, cutcell, diffusion, octree, source
 from clsss.device import Device
 from clsss.diffusion import Field
-from clsss.materials import fresnel_A
+from clsss.fresnel import fresnel_A
 from clsss.multigrid import Convergence, Multigrid
 from clsss.refinement import varies
 from clsss.residual import Residual

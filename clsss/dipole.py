@@ -18,8 +18,9 @@ import numpy as np
 from clsss import pointtree
 from clsss.device import Device
 from clsss.errors import InputError
+from clsss.fresnel import fresnel_A, fresnel_moments, fresnel_transmittance
 from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
-from clsss.materials import Material, fresnel_A, fresnel_moments, fresnel_transmittance
+from clsss.materials import Material
 from clsss.mesh import Mesh, RayCaster, opaque_triangles
 from clsss.subdivision import areas, outward_normals, subdivide
 

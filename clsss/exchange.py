@@ -22,7 +22,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from clsss.materials import fresnel_A, fresnel_moments, fresnel_transmittance
+from clsss.fresnel import entering_gain, fresnel_A, fresnel_transmittance
 from clsss.octree import Octree
 from clsss.rays import LINING, RayCaster
 from clsss.surface import boundary_points, tangent_frame
@@ -222,7 +222,7 @@ def trace_exchange(octree: Octree, eta: float, blockers: RayCaster | None = None
             arriving.append(flow)
             entering.append(flow * fresnel_transmittance(mu_in, eta))
     where = (np.concatenate(rows), np.concatenate(columns))
-    gain = 4 / (1 - fresnel_moments(eta)[0])
+    gain = entering_gain(eta)
     H, H_t = (sparse.coo_matrix((np.concatenate(v), where), shape=(n, n)).tocsr() for v in (arriving, entering))
     blend = _blend(share, tracer.points, normals)
     return Exchange(share, blend, H, H_t, gain, tracer.rays, time.perf_counter() - start)

@@ -18,9 +18,9 @@ from scipy import sparse
 from clsss.device import Device
 from clsss.diffusion import Coefficients, Field, cell_points
 from clsss.exchange import Exchange
+from clsss.fresnel import entering_gain
 from clsss.interreflection import Interreflection, PatchCoupling, boundary_flux
 from clsss.layer import Layer
-from clsss.materials import fresnel_moments
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
 from clsss.octree import Octree
@@ -144,7 +144,7 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
         )
         flux, entering = follower.surface(phi) if follower else (
             boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
-    gain = 4 / (1 - fresnel_moments(medium.eta)[0])
+    gain = entering_gain(medium.eta)
     exitance, fluence = flux + entering, 2 * medium.fresnel_A * flux + gain * (entering + kept)
     leaving = follower.leaving if follower else np.zeros((0, 3))
     moment = source.moment.get()[:, :3] - gain * entering if scene.layer else None

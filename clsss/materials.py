@@ -1,7 +1,6 @@
-"""Optical coefficients of the medium and of its boundary.
+"""Optical coefficients of the medium.
 
     sigma_s' = (1 - g) sigma_s     sigma_tr = sigma_a + sigma_s'     D = 1 / (3 sigma_tr)
-    A = (1 + R_J) / (1 - R_phi)
 
 Input: coefficients [1/mm], scalar or red, green, blue. Everything that can fill a mesh is a `Medium`: here
 `Material`, in media.py what varies in space.
@@ -19,6 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from clsss.errors import InputError
+from clsss.fresnel import fresnel_A
 
 TABLE = Path(__file__).parent / "materials.json"
 
@@ -250,52 +250,3 @@ def diffuse_reflectance(albedo: Any, eta: float) -> np.ndarray:
     albedo = np.asarray(albedo, float)
     s = np.sqrt(3 * (1 - albedo))
     return albedo / ((1 + s) * (1 + 2 * fresnel_A(eta) * s / 3))
-
-
-def fresnel_reflectance(cos_incidence: Any, eta: float) -> np.ndarray:
-    """Unpolarised Fresnel reflectance, for light that meets a boundary beyond which the index is 1/eta.
-
-    Parameters
-    ----------
-    cos_incidence : array_like
-        Cosine of the angle of incidence, on the side the light comes from.
-    eta : float
-        Index of that side over the index of the other; 1 beyond the critical angle.
-    """
-    cos_i = np.asarray(cos_incidence, float)
-    sin2_t = eta * eta * (1 - cos_i * cos_i)
-    cos_t = np.sqrt(np.maximum(1 - sin2_t, 0))
-    tiny = np.finfo(float).tiny
-    r_s = (eta * cos_i - cos_t) / (eta * cos_i + cos_t + tiny)
-    r_p = (eta * cos_t - cos_i) / (eta * cos_t + cos_i + tiny)
-    return np.where((sin2_t >= 1) & (eta != 1), 1.0, (r_s * r_s + r_p * r_p) / 2)
-
-
-def fresnel_transmittance(cos_incidence: Any, eta: float) -> np.ndarray:
-    """Share of unpolarised light from outside, at this cosine of incidence, that enters the medium."""
-    return 1 - fresnel_reflectance(cos_incidence, 1 / eta)
-
-
-@functools.lru_cache(maxsize=64)
-def fresnel_moments(eta: float) -> tuple[float, float]:
-    """R_phi = 2 int_0^1 R mu dmu and R_J = 3 int_0^1 R mu^2 dmu, R the reflectance seen from inside.
-
-    References
-    ----------
-    Haskell et al. 1994, "Boundary conditions for the diffusion equation in radiative transfer".
-    """
-    if eta == 1:
-        return 0.0, 0.0
-    # R is 1 below the cosine of the critical angle and has a square root there: mu = critical + (..) t^2
-    critical = np.sqrt(1 - 1 / eta**2) if eta > 1 else 0.0
-    x, weight = np.polynomial.legendre.leggauss(128)
-    t = (x + 1) / 2
-    mu = critical + (1 - critical) * t * t
-    weight = weight * t * (1 - critical) * fresnel_reflectance(mu, eta)
-    return float(critical**2 + np.sum(weight * 2 * mu)), float(critical**3 + np.sum(weight * 3 * mu * mu))
-
-
-def fresnel_A(eta: float) -> float:
-    """Boundary constant A = (1 + R_J) / (1 - R_phi) of phi = 2 A J.n; 1 for eta = 1, 3.62793 for 1.5."""
-    R_phi, R_J = fresnel_moments(float(eta))
-    return (1 + R_J) / (1 - R_phi)

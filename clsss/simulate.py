@@ -19,10 +19,10 @@ from clsss.arguments import check, check_memory, checked_lights, checked_points
 from clsss.device import open_device
 from clsss.errors import InputError
 from clsss.exchange import leaving_shape, trace_exchange
+from clsss.fresnel import fresnel_A
 from clsss.inner import Inner, in_wide_cells, within
 from clsss.layer import fitted_layer
 from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
-from clsss.materials import fresnel_A
 from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
 from clsss.multigrid import Multigrid
 from clsss.refinement import varies

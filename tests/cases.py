@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from clsss.analytic_sphere import sphere, sphere_beam
+from clsss.fresnel import fresnel_A, fresnel_transmittance
 from clsss.lights import DirectionalLight, Emission
-from clsss.materials import Material, fresnel_A, fresnel_transmittance
+from clsss.materials import Material
 
 Points = np.ndarray
 

@@ -11,7 +11,7 @@ import trimesh
 from clsss import cutcell, diffusion, octree, source
 from clsss.device import Device
 from clsss.diffusion import Field
-from clsss.materials import fresnel_A
+from clsss.fresnel import fresnel_A
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
 from clsss.refinement import Refine

@@ -9,9 +9,10 @@ from shapes import relative_rms, solve, sphere
 
 from clsss.analytic_sphere import sphere as exact_sphere
 from clsss.cutcell import make_grid
+from clsss.fresnel import fresnel_A
 from clsss.inner import Inner
 from clsss.lights import DirectionalLight, Emission, PointLight
-from clsss.materials import Material, fresnel_A, material
+from clsss.materials import Material, material
 from clsss.mesh import load_mesh
 from clsss.refinement import varies
 from clsss.simulate import simulate

@@ -13,7 +13,8 @@ import pytest
 from clsss.analytic import half_space, scaled, slab
 from clsss.analytic_sphere import sphere, sphere_beam
 from clsss.errors import InputError
-from clsss.materials import Material, fresnel_A
+from clsss.fresnel import fresnel_A
+from clsss.materials import Material
 
 A = 2.8
 R = 10.0

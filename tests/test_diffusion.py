@@ -26,9 +26,10 @@ from shapes import (
 
 from clsss import diffusion
 from clsss.diffusion import Field
+from clsss.fresnel import fresnel_A
 from clsss.layer import fitted_layer
 from clsss.lights import Emission
-from clsss.materials import Material, fresnel_A
+from clsss.materials import Material
 from clsss.residual import Residual
 from clsss.surface import boundary_points
 

@@ -21,8 +21,9 @@ from clsss import bvh, paths, pointtree
 from clsss.device import Device
 from clsss.dipole import SPACING, dipole, entering, groenhuis_A, profile
 from clsss.errors import InputError
+from clsss.fresnel import fresnel_transmittance
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
-from clsss.materials import Material, fresnel_transmittance, material
+from clsss.materials import Material, material
 from clsss.media import Mix, Perlin
 from clsss.mesh import Mesh, load_mesh
 from clsss.montecarlo import PathWarning, estimate

@@ -10,8 +10,9 @@ import trimesh
 
 from clsss.dipole import dipole, entering
 from clsss.errors import InputError
+from clsss.fresnel import fresnel_transmittance
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
-from clsss.materials import Material, fresnel_transmittance
+from clsss.materials import Material
 from clsss.media import Mix, Perlin
 from clsss.mesh import load_mesh
 from clsss.montecarlo import estimate

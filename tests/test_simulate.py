@@ -16,8 +16,9 @@ import clsss
 from clsss.analytic import slab
 from clsss.device import Device, open_device
 from clsss.errors import DeviceError, InputError
+from clsss.fresnel import fresnel_A, fresnel_transmittance
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
-from clsss.materials import Material, fresnel_A, fresnel_transmittance
+from clsss.materials import Material
 from clsss.simulate import simulate
 
 MARBLE = Material.from_reduced(sigma_a=(0.0021, 0.0041, 0.0071), sigma_s_prime=(2.19, 2.62, 3.0), eta=1.5)

@@ -12,8 +12,9 @@ from shapes import box, build_tree, hollow_sphere, relative_rms, sphere, sphere_
 from clsss import montecarlo
 from clsss.analytic import slab
 from clsss.diffusion import sample_medium
+from clsss.fresnel import fresnel_A, fresnel_transmittance
 from clsss.lights import DirectionalLight
-from clsss.materials import Material, fresnel_A, fresnel_transmittance
+from clsss.materials import Material
 from clsss.mesh import load_mesh
 from clsss.rays import RayCaster
 from clsss.simulate import simulate

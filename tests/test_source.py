@@ -20,9 +20,10 @@ from shapes import (
 
 from clsss import analytic, diffusion
 from clsss.beams import Beams
+from clsss.fresnel import fresnel_A, fresnel_transmittance
 from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
-from clsss.materials import Material, fresnel_A, fresnel_transmittance
+from clsss.materials import Material
 from clsss.media import Mix
 from clsss.rays import RayCaster
 from clsss.source import light_unit, make_source
