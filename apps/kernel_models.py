@@ -99,10 +99,10 @@ def average(a: Arguments) -> Arguments:
 
 def prolong(a: Arguments) -> Arguments:
     rows, x, parent, coarse = slice(a["first"], a["first"] + a["n"]), a["x"].copy(), a["parent"], a["x_coarse"]
-    w, nbr = a["weight"][rows] / a["weight"][0].sum(), a["nbr"][rows]
-    x[rows] += w[:, 3:] * coarse[parent[rows]]
+    w, octant, nbr = a["weight"][:, :3] / 252, a["weight"][:, 3], a["nbr"][rows]
+    x[rows] += (1 - w.sum(axis=1, keepdims=True)) * coarse[parent[rows]]
     for axis in range(3):
-        outward = nbr[np.arange(a["n"]), 2 * axis + (a["position"][rows, axis] & 1)]
+        outward = nbr[np.arange(a["n"]), 2 * axis + (octant >> axis & 1)]
         x[rows] += w[:, axis : axis + 1] * coarse[parent[outward]]
     return {"x": x}
 

@@ -92,7 +92,9 @@ class Beams:
         orders, cut_order = ray_order(octree)
         self._orders, self._cut_order = [device.array(order) for order in orders], device.array(cut_order)
         self._F_B = device.empty((n_cut, CHANNELS))
-        self._body = (*octree.body, *extinction(device, octree, medium))
+        self._position = [level.lend_position(device) for level in octree.levels]
+        self._aperture = device.array(octree.cut.aperture)
+        self._body = (*octree.lend_body(), *extinction(device, octree, medium))
 
     @cached_property
     def _points(self) -> list[np.ndarray]:
@@ -119,23 +121,23 @@ class Beams:
         """Power (3,) that a light brings through the surface."""
         device, octree, cut = self.device, self.octree, self.octree.cut
         partial = device.empty((tiles(cut.n), CHANNELS))
-        device.run(device.kernel("entering", "entering"), GROUP * tiles(cut.n), cut.n, where, octree.finest.position,
+        device.run(device.kernel("entering", "entering"), GROUP * tiles(cut.n), cut.n, where, self._position[-1],
                    cut.cell, cut.boundary, cut.normal, self._F_B, partial, group=GROUP)  # fmt: skip
         return octree.grid.h**2 * sum_of_parts(partial)
 
     def _trace(self, where: Any, strength: Any) -> None:
         device, octree, cut, eta = self.device, self.octree, self.octree.cut, float(self.medium.eta)
-        defines, finest = self.medium.defines, self.octree.finest
+        defines = self.medium.defines
         cells = device.kernel("attenuate", "beam_in_cells", *defines)
         for k, (level, order) in enumerate(zip(octree.levels, self._orders, strict=True)):
             n = order.shape[0]
             device.run(cells, -(-n // device.lanes), n, level.depth, octree.grid.h, eta, where, strength, *self._body,
-                       order, level.position, self._F[k])  # fmt: skip
+                       order, self._position[k], self._F[k])  # fmt: skip
             if level.n_ghost:
                 self._copy_ghosts(k)
         kernel = device.kernel("attenuate", "beam_at_boundary", *defines)
         device.run(kernel, -(-cut.n // device.lanes), cut.n, octree.grid.h, eta, where, strength, *self._body,
-                   self._cut_order, finest.position, cut.cell, self._F_B)  # fmt: skip
+                   self._cut_order, self._position[-1], cut.cell, self._F_B)  # fmt: skip
 
     def _shade(self, light: DirectionalLight | PointLight) -> None:
         """No light where a blocker stands before it."""
@@ -163,21 +165,21 @@ class Beams:
         finest, F, F_B = octree.finest, self._F, self._F_B
         kernel = device.kernel("source", "deposit_finest", *defines)
         device.run(kernel, finest.n, finest.n, finest.h, g, float(medium.fresnel_A), where, *parts[-1], medium.D[-2],
-                   medium.sigma_s[-2], medium.fitted, finest.position, finest.nbr, finest.parent, octree.cut_index,
-                   cut.centroid, cut.boundary, cut.normal, cut.aperture, cut.face_centroid, F_B, F[-1], self.Q[-1],
+                   medium.sigma_s[-2], medium.fitted, self._position[-1], finest.nbr, finest.parent, octree.cut_index,
+                   cut.centroid, cut.boundary, cut.normal, self._aperture, cut.face_centroid, F_B, F[-1], self.Q[-1],
                    self.lost)  # fmt: skip
         coarse = device.kernel("source", "deposit_coarse", *defines)
         interface = device.kernel("source", "deposit_interface", *defines)
         for k, level in enumerate(levels[:-1]):
             up, fine, m = max(k - 1, 0), levels[k + 1], level.interface.shape[0]
             device.run(coarse, level.n, level.n, level.h, g, level.depth, where, *parts[k], medium.D[up],
-                       medium.sigma_s[up], level.position, level.nbr, level.parent, level.is_leaf, F[k],
+                       medium.sigma_s[up], self._position[k], level.nbr, level.parent, level.is_leaf, F[k],
                        self.Q[k])  # fmt: skip
             device.run(interface, m, m, fine.n, fine.h, g, fine.depth, where, *parts[k], medium.D[k + 1],
-                       medium.sigma_s[k + 1], level.interface, level.interface_start, fine.ghost_face, fine.position,
-                       F[k + 1], self.Q[k])  # fmt: skip
+                       medium.sigma_s[k + 1], level.interface, level.interface_start, fine.ghost_face,
+                       self._position[k + 1], F[k + 1], self.Q[k])  # fmt: skip
         kernel = device.kernel("moment", "moment", *defines)
-        device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], medium.fitted, finest.position,
+        device.run(kernel, cut.n, cut.n, finest.h, g, where, *parts[-1], medium.fitted, self._position[-1],
                    cut.cell, cut.centroid, cut.boundary, cut.normal, F_B, F[-1], self.moment, self.wall)  # fmt: skip
 
     def _add_lamp_inside(self, lamp: PointLight, unit: float) -> None:

@@ -77,7 +77,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class CutCells:
-    """Moments of the cut cells, in unit cell coordinates, on the device (kernels/cutcell.cl).
+    """Moments of the cut cells, in unit cell coordinates (kernels/cutcell.cl), on the device unless said otherwise.
 
     Attributes
     ----------
@@ -89,8 +89,9 @@ class CutCells:
         x_B and alpha_B, the area of the surface inside the cell.
     normal : (n, 4) real
         Area vector of the surface (outward): alpha_B n_B where the surface is flat.
-    aperture : (n, 3) real
+    aperture : (n, 3) real, on the host
         Open part of the faces +x +y +z; the others are those of the cells beyond (`Octree.apertures`).
+        No solve needs it.
     face_centroid : (n, 3, 2) float64, or uint16 in single precision
         Centroid of the open part of each of these, in its two tangential coordinates (kernels/place.h).
     """
@@ -99,7 +100,7 @@ class CutCells:
     centroid: Buffer
     boundary: Buffer
     normal: Buffer
-    aperture: Buffer
+    aperture: np.ndarray
     face_centroid: Buffer
 
     @property
@@ -263,10 +264,9 @@ def cut_moments(device: Device, samples: Samples, rows: np.ndarray, cell: np.nda
         The device cannot hold them.
     """
     n, place = len(rows), np.uint16 if device.precision == "single" else device.real
-    out = CutCells(device.array(cell.astype(np.int32)), device.empty((n, 4)), device.empty((n, 4)),
-                   device.empty((n, 4)), device.empty((n, 3)), device.empty((n, 3, 2), place))  # fmt: skip
+    centroid, boundary, normal, aperture = (device.empty((n, width)) for width in (4, 4, 4, 3))
+    face_centroid = device.empty((n, 3, 2), place)
     owners = device.array(samples.owners[rows])
     kernel = device.kernel("cutcell", "moments")
-    device.run(kernel, n, n, owners, samples.distance, out.centroid, out.boundary, out.normal, out.aperture,
-               out.face_centroid)  # fmt: skip
-    return out
+    device.run(kernel, n, n, owners, samples.distance, centroid, boundary, normal, aperture, face_centroid)
+    return CutCells(device.array(cell.astype(np.int32)), centroid, boundary, normal, aperture.get(), face_centroid)

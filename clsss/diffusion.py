@@ -21,7 +21,7 @@ import numpy as np
 from clsss.around import Around, list_around
 from clsss.device import ROW_ALIGNMENT, Buffer, Device
 from clsss.jumps import Jumps, find_jumps
-from clsss.octree import Level, Octree
+from clsss.octree import Level, Octree, octants
 from clsss.rows import Kept, keep
 
 CHANNELS = 4
@@ -90,8 +90,8 @@ class Operator:
         otherwise [mm^2].
     absorb : list of Kept, (n, 4) real, or (n, 3)
         Absorption and exitance per fluence, in the same scale.
-    weight : list of (n, 4) uint8, device
-        Weights of the prolongation to each level but the coarsest (weight.h).
+    weight : list of (n_black, 4) uint8, device
+        Weights of the prolongation to the black cells of each level but the coarsest (weight.h).
     share : list of (m,) real, or (m, 4), device
         Shares of `Level.junction_cell` in the transmissibility of their junction's face.
     irregular : (m,) int32, device
@@ -201,7 +201,7 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     kernel = device.kernel("coefficients", "finest_coefficients", *defines)
     device.run(kernel, finest.n, finest.n, finest.h, A, D[-1], D[-2], sigma_a[-1],
                medium.fitted, finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
-               cut.aperture, cut.face_centroid, T[-1], absorb[-1])  # fmt: skip
+               device.array(cut.aperture), cut.face_centroid, T[-1], absorb[-1])  # fmt: skip
     if medium.jumps is not None:
         m = medium.jumps.face.shape[0]
         device.run(device.kernel("jump", "cross_jumps"), m, m, medium.jumps.face, medium.jumps.share, T[-1])
@@ -214,8 +214,10 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     kernel = device.kernel("coefficients", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
     for level, t in zip(octree.levels[1:], T[1:], strict=True):
-        weight.append(device.empty((level.n, 4), np.uint8))
-        device.run(kernel, level.n, level.n, level.position, level.nbr, t, weight[-1])
+        first, n = level.colour_start[1], level.n - level.colour_start[1]
+        weight.append(device.empty((n, 4), np.uint8))
+        octant = device.array(octants(level.ijk[first:]))
+        device.run(kernel, n, first, n, level.n, octant, level.nbr, t, weight[-1])
     share = _shares(device, octree, medium, T)
     kept: list[tuple[Kept, Kept]] = []
     while T:  # what a level had goes before the next one's comes

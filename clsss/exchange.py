@@ -129,7 +129,7 @@ class _Tracer:
         self.tangents, self.bitangents = tangent_frame(self.normals)
         order = np.argsort(patch, kind="stable")
         self.members, self.first = order, np.searchsorted(patch[order], np.arange(patch.max() + 2))
-        self.rays = 0
+        self.rays, self._body = 0, octree.lend_body()
 
     def trace(self, patches: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Rays number `k` of `patches`: which of them hit, the patch hit, and the cosines at both ends."""
@@ -155,14 +155,14 @@ class _Tracer:
 
     def _first_met(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """The cut cell that each ray meets first, -1 where none."""
-        octree, device, n = self.octree, self.octree.clearance.device, len(origin)
+        octree, device, n = self.octree, self.octree.device, len(origin)
         kernel, opaque, found = device.kernel("seen", "first_met"), device.vector([HUGE] * 4), np.empty(n, np.int32)
         for first in range(0, n, HELD):
             part = slice(first, min(first + HELD, n))
             m = part.stop - first
             met = device.empty(m, np.int32)
             start = device.array(octree.grid.to_cells(origin[part]))
-            device.run(kernel, -(-m // device.lanes), m, *octree.body, opaque, start, device.array(direction[part]),
+            device.run(kernel, -(-m // device.lanes), m, *self._body, opaque, start, device.array(direction[part]),
                        met)  # fmt: skip
             found[part] = met.get()
         return found

@@ -51,6 +51,6 @@ def fitted_layer(device: Device, octree: Octree, medium: Coefficients) -> Layer 
         return None
     volume = device.empty((finest.n, CHANNELS))
     kernel = device.kernel("layer", "absorbing_volumes", *defines)
-    device.run(kernel, finest.n, finest.n, *common, finest.nbr, octree.cut_index, *geometry, cut.aperture,
-               cut.face_centroid, volume)  # fmt: skip
+    device.run(kernel, finest.n, finest.n, *common, finest.nbr, octree.cut_index, *geometry,
+               device.array(cut.aperture), cut.face_centroid, volume)  # fmt: skip
     return Layer(volume.get()[:, :3].astype(float), conductance, swell, moment)

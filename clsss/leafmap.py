@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clsss.cutcell import Grid
-from clsss.device import Buffer, Device
+from clsss.device import Device
 
 FINE = -2  # entry of a brick where there are finest cells, as in kernels/tree.h
 BITS = np.array([bin(byte).count("1") for byte in range(256)], np.int32)
@@ -80,7 +80,7 @@ class LeafMap:
             self.brick[base + (dz * 4 + dy) * 4 + dx] = code
 
     def on_device(self, device: Device, grid: Grid) -> tuple[Any, ...]:
-        """The map as kernels take it."""
+        """The map as kernels take it, on the device for as long as that is held."""
         arrays = (self.block.ravel(), self.brick, self.first, self.filled)
         return (grid.dims, *(device.array(values) for values in arrays))
 
@@ -115,7 +115,7 @@ class LeafMap:
         return index[exist > 0]
 
 
-def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> tuple[Buffer, Buffer]:
+def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far each cell of the finest grid is from one of another kind: `near` and `clearance` of body.h."""
     kind = np.where(is_cut, 0, np.where(solid, 129, 1)).astype(np.uint8).ravel()
     rows = grid.dims[1] * grid.dims[2]
@@ -128,4 +128,4 @@ def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndar
     least = clear.min(axis=1).astype(np.int32)
     mixed = (least == 0) | ((clear.max(axis=1) ^ least) & 128 > 0)
     near = np.where(mixed, np.cumsum(mixed) - 1, -1 - least)
-    return device.array(near, np.int32), device.array(clear[mixed])
+    return near.astype(np.int32), clear[mixed]

@@ -175,8 +175,8 @@ class Multigrid:
             coupling.let_in(k, self.r[k])
         run(self._ghosts, fine.n_ghost, fine.n_ghost, fine.n, fine.parent, self.e[k - 1], self.e[k])
         # red cells are overwritten next
-        run(self._prolong, end - black, black, end - black, fine.position, fine.nbr, fine.parent, op.weight[k],
-            self.e[k - 1], self.e[k])  # fmt: skip
+        run(self._prolong, end - black, black, end - black, fine.nbr, fine.parent, op.weight[k], self.e[k - 1],
+            self.e[k])  # fmt: skip
         self.smooth(k, sweeps)
 
     def inner_product(self, x: Field, y: Field) -> np.ndarray:

@@ -51,10 +51,11 @@ class Level:
     chain : (m, 2) int32, device
         Finer cells that share an octant: one, and the next.
     is_leaf : (n,) uint8, device
-    position : (n, 3) uint16, device
-        `ijk`.
+        Empty on the finest level, where all are.
     ghost_face : (n_ghost,) int32, device
         6 cell + face, for each ghost.
+    ghost_octant : (n_ghost,) uint8, device
+        Which octant of its parent that cell is, x fastest.
     interface : (m,) int32, device
         Leaves with finer neighbours.
     interface_start : (m + 1,) int32, device
@@ -77,9 +78,9 @@ class Level:
     child: Buffer | None
     chain: Buffer
     is_leaf: Buffer
-    position: Buffer
     n_ghost: int
     ghost_face: Buffer
+    ghost_octant: Buffer
     interface: Buffer
     interface_start: Buffer
     junction_face: Buffer
@@ -91,6 +92,10 @@ class Level:
         """Number of cells."""
         return len(self.ijk)
 
+    def lend_position(self, device: Device) -> Buffer:
+        """`ijk` (n, 3) as kernels take it, in 16 bits, on the device for as long as that is held."""
+        return device.array(self.ijk, np.uint16)
+
 
 @dataclass(frozen=True, eq=False)
 class Octree:
@@ -101,9 +106,7 @@ class Octree:
     cut_index : (n,) int32, device
         For each finest cell its place among `cut`, or -1 where it is full.
     leaf_map : LeafMap
-    tree : tuple
-        The same as kernels take it (tree.h).
-    near, clearance : int32 and uint8, device
+    near, clearance : int32 and uint8, on the host
         How far each cell of the finest grid is from one of another kind (body.h).
     thickness : (k,) float64
         As in `Samples`.
@@ -114,9 +117,8 @@ class Octree:
     cut: CutCells
     cut_index: Buffer
     leaf_map: LeafMap
-    tree: tuple[Any, ...]
-    near: Buffer
-    clearance: Buffer
+    near: np.ndarray
+    clearance: np.ndarray
     thickness: np.ndarray
 
     @property
@@ -125,10 +127,18 @@ class Octree:
         return self.levels[-1]
 
     @property
-    def body(self) -> tuple[Any, ...]:
-        """What rays run through, as kernels take it (body.h), but for the medium's extinction."""
-        cut = self.cut
-        return (*self.tree, self.near, self.clearance, self.cut_index, cut.boundary, cut.normal, cut.centroid)
+    def device(self) -> Device:
+        """Where its arrays are."""
+        return self.cut_index.device
+
+    def lend_map(self) -> tuple[Any, ...]:
+        """The leaf map as kernels take it (tree.h), on the device for as long as that is held: no solve needs it."""
+        return self.leaf_map.on_device(self.device, self.grid)
+
+    def lend_body(self) -> tuple[Any, ...]:
+        """What rays run through, likewise (body.h), but for the medium's extinction."""
+        near, clearance, cut = self.device.array(self.near), self.device.array(self.clearance), self.cut
+        return (*self.lend_map(), near, clearance, self.cut_index, cut.boundary, cut.normal, cut.centroid)
 
     @property
     def n_cells(self) -> int:
@@ -143,7 +153,7 @@ class Octree:
 
     def apertures(self) -> np.ndarray:
         """Open part (n_cut, 6) of each face of the cut cells, -x +x -y +y -z +z."""
-        upper, cell, cut_index = self.cut.aperture.get().astype(float), self.cut.cell.get(), self.cut_index.get()
+        upper, cell, cut_index = self.cut.aperture.astype(float), self.cut.cell.get(), self.cut_index.get()
         below = self.finest.nbr.get()[cell, ::2]
         cut = cut_index[np.minimum(below, self.finest.n - 1)]
         lower = np.where(cut >= 0, np.take_along_axis(upper[cut], np.arange(3)[None, :, None], axis=2)[:, :, 0], 1.0)
@@ -161,6 +171,11 @@ class Octree:
     def n_leaves(self) -> int:
         """Cells that no finer ones replace."""
         return sum(int(level.leaf.sum()) for level in self.levels)
+
+
+def octants(ijk: np.ndarray) -> np.ndarray:
+    """Which octant of its parent each cell (n, 3) is (n,) uint8, x fastest."""
+    return ((ijk & 1) @ np.array([1, 2, 4])).astype(np.uint8)
 
 
 def _find_coarser(cells: Cells, coarser: Cells) -> None:
@@ -196,8 +211,9 @@ def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np
     level = Level(grid.h * 2**depth, depth, cells.ijk, cells.leaf, cells.colour_start, device.array(cells.nbr),
                   to_parent, device.array(covered),
                   None if child is None else device.array(child[covered]), device.array(chain),
-                  device.array(cells.leaf.astype(np.uint8)), device.array(cells.ijk.astype(np.uint16)), len(face),
-                  device.array(face), device.empty(0, np.int32), device.empty(0, np.int32),
+                  device.array(cells.leaf.astype(np.uint8) if finer else np.empty(0, np.uint8)), len(face),
+                  device.array(face), device.array(octants(cells.ijk[face // 6])), device.empty(0, np.int32),
+                  device.empty(0, np.int32),
                   device.array(slot.astype(np.int32)), device.array(start),
                   device.array(beyond.astype(np.int32)))  # fmt: skip
     return level, source
@@ -251,11 +267,12 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     leaf = [~s[c[:, 2], c[:, 1], c[:, 0]] for s, c in zip(split, positions[:-1], strict=True)]
     leaf.append(np.ones(len(positions[-1]), bool))
     leaf_map = LeafMap(grid, exists[-1], positions, leaf, colour_start[-1][1])
-    tree, n = leaf_map.on_device(device, grid), len(positions[-1])
+    n = len(positions[-1])
     nbr = device.empty((n, 6), np.int32)
-    device.run(device.kernel("octree", "neighbours"), n, n, *tree, device.array(positions[-1]), nbr)
+    kernel = device.kernel("octree", "neighbours")
+    device.run(kernel, n, n, *leaf_map.on_device(device, grid), device.array(positions[-1]), nbr)
     cut, cut_index = _cut_cells(device, samples, cut_rows, leaf_map, n)
-    cells = [finest_cells(positions[-1], colour_start[-1], nbr.get(), cut.cell.get(), cut.aperture.get())]
+    cells = [finest_cells(positions[-1], colour_start[-1], nbr.get(), cut.cell.get(), cut.aperture)]
     parents: list[np.ndarray] = []
     for number in range(len(positions) - 2, -1, -1):
         coarse, parent = coarsen(cells[0], has[number].shape, positions[number], leaf[number], colour_start[number][1])
@@ -267,11 +284,9 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
         coarse, parent = coarsen_further(cells[0])
         cells.insert(0, coarse)
         parents.insert(0, parent)
-    tree[1].set(leaf_map.block.ravel())
-    tree[2].set(leaf_map.brick)
     levels = _make_levels(device, grid, cells, parents)
     near, clearance = clearance_map(device, grid, solid, is_cut)
-    return Octree(grid, levels, cut, cut_index, leaf_map, tree, near, clearance, samples.thickness)
+    return Octree(grid, levels, cut, cut_index, leaf_map, near, clearance, samples.thickness)
 
 
 def _cut_cells(device: Device, samples: Samples, rows: np.ndarray, leaf_map: LeafMap,

@@ -74,7 +74,7 @@ class Residual:
             coarse = levels[k]
             m = coarse.interface.shape[0]
             run(self._carry, m, m, coarse.n, fine.n, coarse.interface, coarse.interface_start, coarse.nbr,
-                self._centred[k], fine.ghost_face, fine.position, phi[k], phi[k + 1])  # fmt: skip
+                self._centred[k], fine.ghost_face, fine.ghost_octant, phi[k], phi[k + 1])  # fmt: skip
         octree, cut, finest = op.octree, op.octree.cut, levels[-1]
         run(self._gradient, cut.n, cut.n, finest.h, op.medium.fresnel_A, op.medium.D_cut, *op.around.arguments,
             cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal, self.wall, phi[-1],

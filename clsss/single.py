@@ -61,7 +61,7 @@ class SingleScattering:
         self.device, self.octree, self.medium = device, octree, medium
         self._lights = [light_arguments(device, octree, light, unit) for light in collimated(lights)]
         total = extinction(device, octree, medium)
-        self._body, self._scatters = (*octree.body, *total), scattering(device, octree, medium)
+        self._body, self._scatters = (*octree.lend_body(), *total), scattering(device, octree, medium)
         self._rate = float(np.mean(total[0].tolist()[:3] if medium.homogeneous else total[0].get()))
         self._surface: tuple[Any, ...] = ()
         if blockers:

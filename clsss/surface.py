@@ -7,6 +7,8 @@ Only phi_B carries the drop at the boundary; values of whole cells must not stan
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
@@ -66,9 +68,10 @@ def shares_at(device: Device, octree: Octree, points: np.ndarray,
         centre, direction = boundary_points(octree)
         normals = normals.copy()
         normals[unknown] = direction[cKDTree(centre).query(points[unknown])[1]]
+    cells = octree.lend_body()[:-1]
     parts = [(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, device.real))]
     for first in range(0, n, CHUNK):
-        used, cuts, shares = _fit(device, octree, points[first : first + CHUNK], normals[first : first + CHUNK])
+        used, cuts, shares = _fit(device, octree, cells, points[first : first + CHUNK], normals[first : first + CHUNK])
         none = np.flatnonzero(used == 0)
         cuts[none, 0], shares[none, 0], used[none] = -1, 1, 1
         kept = np.arange(cuts.shape[1]) < used[:, None]
@@ -82,17 +85,16 @@ def shares_at(device: Device, octree: Octree, points: np.ndarray,
     return sparse.csr_matrix((values, columns, start), (n, octree.cut.n))
 
 
-def _fit(device: Device, octree: Octree, points: np.ndarray,
+def _fit(device: Device, octree: Octree, cells: tuple[Any, ...], points: np.ndarray,
          normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """How many cut cells each point's fit counts (n,), which (n, m) and their shares (n, m), first of m."""
-    n, cut, kernel = len(points), octree.cut, device.kernel("surface", "share_at_points")
+    n, kernel = len(points), device.kernel("surface", "share_at_points")
     where, facing, used = device.array(octree.grid.to_cells(points)), device.array(normals), device.empty(n, np.int32)
     most, width = WIDTH, 0
     while most > width:
         width = most
         cuts, shares = device.empty((n, width), np.int32), device.empty((n, width))
-        device.run(kernel, n, n, width, *RADII, *octree.tree, octree.near, octree.clearance, octree.cut_index,
-                   cut.boundary, cut.normal, where, facing, cuts, shares, used)  # fmt: skip
+        device.run(kernel, n, n, width, *RADII, *cells, where, facing, cuts, shares, used)
         count = used.get()
         most = int(count.max())
     return count, cuts.get(), shares.get()

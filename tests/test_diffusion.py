@@ -218,7 +218,7 @@ class Dense:
         self.cut = {int(cell): k for k, cell in enumerate(cut)}
         self.boundary, self.normal = tree.cut.boundary.get(), tree.cut.normal.get()[:, :3]
         self.normal = self.normal / np.linalg.norm(self.normal, axis=1, keepdims=True)
-        self.aperture, self.face_centroid = tree.cut.aperture.get(), tree.cut.face_centroid.get()
+        self.aperture, self.face_centroid = tree.cut.aperture, tree.cut.face_centroid.get()
         self.medium, self.points = medium, diffusion.cell_points(tree)[-1]
         sigma_a, sigma_s = medium.coefficients(self.points)
         self.sigma_a = sigma_a[:, 0]

@@ -311,7 +311,7 @@ def test_clearance_is_the_distance_to_another_kind(device):
         expected = np.where(kind == value, (value & 128) + np.minimum(distance, 15), expected)
     blocks = expected.reshape(8, 8, 5, 8, 6, 8).transpose(0, 2, 4, 1, 3, 5).reshape(-1, 512)
     grid = Grid(np.zeros(3), 1.0, (48, 40, 64))
-    near, clearance = (found.get() for found in clearance_map(device, grid, kind == 129, kind == 0))
+    near, clearance = clearance_map(device, grid, kind == 129, kind == 0)
     mixed = near >= 0
     assert 50 < mixed.sum() < len(near) - 10
     np.testing.assert_array_equal(clearance[near[mixed]], blocks[mixed])
