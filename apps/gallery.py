@@ -22,7 +22,7 @@ import clsss
 from clsss.baker import seen_from
 from clsss.camera import Camera, fitted
 from clsss.demo import demo_mesh
-from clsss.export import display_scale
+from clsss.exposure import display_scale
 from clsss.mesh import contains
 from clsss.opengl import standalone_context
 from clsss.scene import Scene

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clsss.export import display_scale
+from clsss.exposure import display_scale
 from clsss.request import camera_from
 from clsss.running import bake, load, overall
 

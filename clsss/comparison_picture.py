@@ -12,7 +12,7 @@ import numpy as np
 
 from clsss.camera import Camera
 from clsss.compare import Comparison
-from clsss.export import display_scale
+from clsss.exposure import display_scale
 from clsss.scene import Scene
 from clsss.srgb import srgb_decode
 

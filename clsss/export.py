@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clsss.errors import InputError
+from clsss.exposure import display_scale
 from clsss.srgb import srgb_encode
 
 if TYPE_CHECKING:
@@ -88,42 +89,6 @@ def write_atomically(path: str | os.PathLike[str], content: bytes) -> None:
             raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-
-
-def display_scale(mesh: Mesh, radiosity: np.ndarray, towards: np.ndarray | None = None) -> float:
-    """Automatic exposure: the factor from radiosity to displayed linear colour.
-
-    Of the area that is seen, 1 % may be brighter than the display's white in its strongest channel. Where half of
-    it is darker than 0.4 of that (lit from behind), up to two stops more bring its median nearer.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        What is drawn; its faces give the areas.
-    radiosity : (v, 3) ndarray
-        At the mesh's vertices [W/mm^2].
-    towards : (3,) ndarray, optional
-        From the mesh to the eye; by default the whole surface counts as seen.
-
-    Returns
-    -------
-    float
-        [mm^2/W]; 1 where nothing is lit.
-    """
-    corners = mesh.vertices[mesh.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normal, axis=1) if towards is None else np.maximum(normal @ towards, 0)
-    weight = np.bincount(mesh.faces.ravel(), np.repeat(area, 3), minlength=len(mesh.vertices))
-    brightest = np.nan_to_num(radiosity).max(axis=1)
-    order = np.argsort(brightest)
-    share = np.cumsum(weight[order])
-    if not share.size or not share[-1] > 0:
-        return 1.0
-    median, white = brightest[order][np.searchsorted(share, [0.5 * share[-1], 0.99 * share[-1]])]
-    if not white > 0:
-        return 1.0
-    stops = np.clip(0.5 * np.log2(0.4 * white / max(median, 1e-6 * white)), 0, 2)
-    return float(2**stops / white)
 
 
 def save(

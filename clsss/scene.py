@@ -8,6 +8,7 @@ curve (0.8 of white) a pixel is the simulated exitance. Input: vertices [mm], ra
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -105,7 +106,7 @@ class Scene:
         self._vertices: moderngl.VertexArray | None = None
         self._radiosity: moderngl.Buffer | None = None
         self._targets: tuple[Any, ...] = ()
-        self._centre = np.zeros(3)
+        self._centre = self._corners = np.zeros(3)
         self.mesh: Mesh | None = None
         self.scale = 0.0
 
@@ -115,7 +116,9 @@ class Scene:
 
     def set_mesh(self, mesh: Mesh) -> None:
         """Show this mesh, grey until `set_radiosity`."""
-        self._centre = mesh.vertices[mesh.faces].mean(axis=(0, 1))  # far from the origin, floats are coarse
+        x, y, z = (axis[mesh.faces] for axis in mesh.vertices.T)
+        self._centre = np.array([x.mean(), y.mean(), z.mean()])  # far from the origin, floats are coarse
+        self._corners = np.array(list(itertools.product(*((a.min(), a.max()) for a in (x, y, z)))))
         geometry = np.hstack([mesh.vertices - self._centre, mesh.normals]).astype("f4")
         self._radiosity = self.context.buffer(reserve=12 * len(mesh.vertices))
         self._vertices = self.context.vertex_array(
@@ -166,7 +169,7 @@ class Scene:
         self._background.program["size"] = size
         self._background.render(moderngl.TRIANGLES, 3)
         if self._vertices is not None and self.mesh is not None and camera is not None:
-            radius = float(np.linalg.norm(self.mesh.vertices - camera.target, axis=1).max())
+            radius = float(np.linalg.norm(self._corners - camera.target, axis=1).max())
             centred = replace(camera, target=camera.target - self._centre)
             matrix = centred.matrix(size[0] / size[1], 1.01 * radius)
             self._mesh_program["matrix"] = tuple(matrix.T.ravel())

@@ -56,7 +56,8 @@ def screenshot(args: argparse.Namespace) -> None:
     """``--screenshot``: bake, then draw the window's picture into a file."""
     from clsss.baker import seen_from
     from clsss.errors import InputError
-    from clsss.export import check_writable, display_scale
+    from clsss.export import check_writable
+    from clsss.exposure import display_scale
     from clsss.opengl import standalone_context
     from clsss.request import eye_from
     from clsss.scene import Scene

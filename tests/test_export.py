@@ -192,6 +192,22 @@ def test_exposure_looks_from_where_the_camera_is():
     assert export.display_scale(wall, radiosity, np.array([0, 0, -1.0])) == pytest.approx(100, rel=0.01)
 
 
+@pytest.mark.parametrize("towards", [(0, 0, 1.0), (0, 1.0, 0), (-0.6, 0, 0.8), (0.48, -0.6, -0.64)])
+def test_exposure_weighs_triangles_by_the_area_that_is_seen(towards):
+    """Triangles of one brightness each; white is where the brightest 1 % of the seen area begins."""
+    rng, towards = np.random.default_rng(1), np.array(towards)
+    corners = rng.normal(size=(500, 3, 3)) + 20
+    level = rng.permutation(np.linspace(0.5, 1, 500))
+    mesh = SimpleNamespace(vertices=corners.reshape(-1, 3), faces=np.arange(1500).reshape(-1, 3).astype(np.int32))
+    seen = np.maximum(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ towards, 0)
+    order = np.argsort(level)
+    white = level[order][np.searchsorted(np.cumsum(seen[order]), 0.99 * seen.sum())]
+    radiosity = np.repeat(level, 3)[:, None] * (0.2, 1.0, 0.5)
+    assert export.display_scale(mesh, radiosity, towards) == pytest.approx(1 / white)
+    radiosity[0, 0] = np.nan
+    assert export.display_scale(mesh, radiosity, towards) == pytest.approx(1 / white)
+
+
 def test_far_from_the_origin_the_shape_survives(result, tmp_path):
     """Scans in world coordinates: single precision has steps of 0.5 mm there."""
     trimesh = pytest.importorskip("trimesh")

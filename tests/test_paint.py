@@ -8,7 +8,7 @@ import trimesh
 
 from clsss import request
 from clsss.errors import InputError
-from clsss.export import display_scale
+from clsss.exposure import display_scale
 from clsss.lights import DirectionalLight
 from clsss.materials import Material, diffuse_reflectance, material
 from clsss.mesh import load_mesh

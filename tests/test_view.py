@@ -14,7 +14,7 @@ from clsss import grammar, scenefile, view
 from clsss.baker import GLANCE, LOOK, Baker
 from clsss.camera import Camera, fitted
 from clsss.errors import DeviceError
-from clsss.export import display_scale
+from clsss.exposure import display_scale
 from clsss.overlay import panel
 from clsss.srgb import srgb_encode
 from clsss.window import rotation, turned
