@@ -1,24 +1,20 @@
 """The `clsss` command: bake, compare, materials, info, doctor, demo.
 
-Results go to stdout, everything said on the way to stderr.
+Results go to stdout, everything said on the way to stderr. What is imported is imported inside `main`, where Ctrl-C
+ends the program without a traceback.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from clsss import __version__, scenefile
 from clsss.errors import InputError
-from clsss.grammar import count
-from clsss.options import LIGHT_HELP, Parser, add_camera, add_mesh, add_output, add_shared
 from clsss.running import bake_with_bar, interruptible, load, progress_bar, run_and_leave
 
 if TYPE_CHECKING:
+    import argparse
+
     from clsss.compare import Comparison
     from clsss.scene import Scene
 
@@ -27,6 +23,8 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command line and exit."""
 
     def command() -> None:
+        from clsss import scenefile
+
         args = scenefile.parse(_parser(), argv)
         args.command(args)
 
@@ -34,6 +32,11 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
+    import argparse
+
+    from clsss import __version__
+    from clsss.options import LIGHT_HELP, Parser, add_camera, add_mesh, add_output, add_shared
+
     parser = Parser(
         prog="clsss",
         description="Subsurface light diffusion in meshes: bakes how light scatters inside to colours.",
@@ -72,6 +75,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_comparison(parser: argparse.ArgumentParser) -> None:
+    from clsss.grammar import count
+
     group = parser.add_argument_group("comparison")
     group.add_argument("--picture", metavar="OUT.png", help="draw all three, and how far they are from the truth")
     group.add_argument("--json", metavar="OUT.json", help="write the table as data")
@@ -89,6 +94,9 @@ def show_materials(args: argparse.Namespace) -> None:
 
 def bake(args: argparse.Namespace) -> None:
     """``clsss bake``: refuse bad outputs first, then simulate, then write."""
+    import json
+
+    from clsss import scenefile
     from clsss.export import check_output, check_writable, save, write_atomically
     from clsss.request import eye_from
 
@@ -110,6 +118,8 @@ def bake(args: argparse.Namespace) -> None:
 
 def _finish(args: argparse.Namespace, written: list[str | None]) -> None:
     """Write the scene if that was asked for; say which files there are now."""
+    from clsss import scenefile
+
     if args.save_scene:
         scenefile.save(args, args.save_scene)
     if not args.quiet:
@@ -131,6 +141,9 @@ def _summary(report: dict, material: str) -> str:
 
 def compare(args: argparse.Namespace) -> None:
     """``clsss compare``: bake, run both references, then print and write how they differ."""
+    import json
+
+    from clsss import scenefile
     from clsss.compare import compare as compare_with
     from clsss.export import check_writable, write_atomically
 
@@ -159,6 +172,8 @@ def _scene() -> Scene:
 
 
 def _draw(args: argparse.Namespace, found: Comparison, scene: Scene) -> None:
+    from pathlib import Path
+
     from clsss.comparison_picture import picture
     from clsss.window import save_png, start_camera
 
@@ -168,6 +183,8 @@ def _draw(args: argparse.Namespace, found: Comparison, scene: Scene) -> None:
 
 def _comparison(found: Comparison) -> dict[str, object]:
     """The table as data."""
+    from dataclasses import asdict
+
     return {
         "methods": [
             asdict(score) | {"beyond_noise": beyond, "hidden_by_noise": not told}
@@ -214,6 +231,8 @@ def doctor(args: argparse.Namespace) -> None:
 
 def demo(args: argparse.Namespace) -> None:
     """``clsss demo``: the generated mesh as a file of any format that trimesh writes."""
+    from pathlib import Path
+
     from clsss.demo import demo_mesh
     from clsss.export import check_writable, write_atomically
 

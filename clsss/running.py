@@ -6,7 +6,6 @@ nobody reads the output any more.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import sys
@@ -18,6 +17,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from clsss.errors import DeviceError, InputError
 
 if TYPE_CHECKING:
+    import argparse
+
     from clsss.mesh import Mesh
     from clsss.simulate import Result
 

@@ -1,22 +1,26 @@
 """`python -m clsss.view MESH`: bake a mesh and look at it, in a window or as a picture.
 
-The window opens at once and shows the mesh in grey; a thread bakes and the window shows how far it is.
+The window opens at once and shows the mesh in grey; a thread bakes and the window shows how far it is. What is
+imported is imported inside `main`, where Ctrl-C ends the program without a traceback.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
+from typing import TYPE_CHECKING
 
-from clsss import scenefile
-from clsss.options import LIGHT_HELP, WINDOW_HELP, Parser, add_camera, add_shared, add_window_size
 from clsss.running import bake_with_bar, interruptible, run_and_leave
+
+if TYPE_CHECKING:
+    import argparse
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command line and exit."""
 
     def command() -> None:
+        from clsss import scenefile
+
         args = scenefile.parse(_parser(), argv)
         if args.save_scene:
             scenefile.check(args.save_scene)
@@ -39,6 +43,10 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
+    import argparse
+
+    from clsss.options import LIGHT_HELP, WINDOW_HELP, Parser, add_camera, add_shared, add_window_size
+
     parser = Parser(
         prog="python -m clsss.view",
         description="Bake how light scatters inside a mesh, and look at it.",

@@ -313,6 +313,26 @@ def test_interrupt_ends_a_bake_at_once(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
+IMPORTING = """
+import sys
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == {name!r}:
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupt())
+from clsss.{module} import main
+main(["bake", "demo", "-o", "/nowhere/a.glb"] if main.__module__ == "clsss.cli" else ["demo"])
+"""
+
+
+@pytest.mark.parametrize("module", ["cli", "view"])
+@pytest.mark.parametrize("name", ["argparse", "clsss.scenefile", "clsss.options", "numpy"])
+def test_interrupt_while_python_imports(module, name):
+    code = IMPORTING.format(module=module, name=name)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 def test_bake_writes_mesh_and_report(tmp_path):
     pytest.importorskip("clsss.simulate")
     pytest.importorskip("clsss.demo")
