@@ -17,8 +17,8 @@ import numpy as np
 
 from clsss.device import Buffer, Device
 from clsss.mesh import Mesh
-from clsss.thickness import thickness_below
-from clsss.triangles import LONGEST_EDGE, Triangles, split_long
+from clsss.thickness import LOOKED_AT, thickness_below
+from clsss.triangles import Triangles, whole_and_pieces
 from clsss.winding import winding_number
 
 REACH = 0.87  # half the diagonal of a cell: no edge of a Kuhn tetrahedron of a subcell is longer
@@ -129,7 +129,7 @@ class _Bricks:
     def __init__(self, grid: Grid, mark: np.ndarray):
         self.grid = grid
         self.block = np.full(mark.size, -1, np.int32)
-        self.used = np.flatnonzero(mark)
+        self.used = np.flatnonzero(mark).astype(np.int32)
         self.block[self.used] = np.arange(len(self.used), dtype=np.int32)
 
     def entry(self, cells: np.ndarray) -> np.ndarray:
@@ -140,10 +140,10 @@ class _Bricks:
 
     def cells(self, entry: np.ndarray) -> np.ndarray:
         _, by, bx = self.grid.blocks
+        entry = entry.astype(np.int32)
         block, local = self.used[entry >> 9], entry & 511
         x, y, z = block % bx, (block // bx) % by, block // (bx * by)
-        out = np.stack([8 * x + (local & 7), 8 * y + ((local >> 3) & 7), 8 * z + (local >> 6)], axis=1)
-        return out.astype(np.int32)
+        return np.stack([8 * x + (local & 7), 8 * y + ((local >> 3) & 7), 8 * z + (local >> 6)], axis=1)
 
 
 def _starts(count: Buffer) -> np.ndarray:
@@ -172,7 +172,7 @@ def _touch(device: Device, grid: Grid, surface: Triangles) -> tuple[_Bricks, Buf
 
 
 def _corners() -> np.ndarray:
-    corner = np.arange(8)
+    corner = np.arange(8, dtype=np.int32)
     return np.stack([corner & 1, (corner >> 1) & 1, corner >> 2], axis=1)
 
 
@@ -191,30 +191,32 @@ def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
     -------
     Samples
     """
-    triangles = grid.to_cells(mesh.triangles)
-    surface, parts = Triangles(device, triangles), split_long(triangles, LONGEST_EDGE)
-    pieces = surface if len(parts) == len(triangles) else Triangles(device, parts)
+    surface, pieces = whole_and_pieces(device, grid.to_cells, mesh.triangles)
     bricks, block, touched = _touch(device, grid, pieces)
     cells = bricks.cells(np.flatnonzero(touched))
-    needed = np.zeros(len(touched), bool)
-    corner_entry = np.stack([bricks.entry(cells + corner) for corner in _corners()], axis=1)
-    needed[corner_entry] = True
+    needed, owners = np.zeros(len(touched), bool), np.empty((len(cells), 8), np.int32)
+    for k, corner in enumerate(_corners()):
+        owners[:, k] = bricks.entry(cells + corner)
+        needed[owners[:, k]] = True
     owner_cells = bricks.cells(np.flatnonzero(needed))
     n = len(owner_cells)
-    slot = np.where(needed, np.cumsum(needed, dtype=np.int32) - 1, -1)
+    slot = np.where(needed, np.cumsum(needed, dtype=np.int32) - 1, np.int32(-1))
+    for entries in owners.T:
+        entries[:] = slot[entries]
     distance = device.empty((n, 8))
     distance.fill(REACH**2)
     kernel = device.kernel("distance", "distance_to_triangle")
     pieces.run(kernel, (grid.dims, REACH, block, device.array(slot)), (distance,))
+    del slot
     lines = _lines(device, grid, surface) if mesh.closed else (None, None)
     packed = np.concatenate([owner_cells, np.zeros((n, 1), np.int32)], axis=1)
     kernel = device.kernel("distance", "distance_at_nodes")
     device.run(kernel, n, n, 2 * grid.dims[1] + 1, device.array(packed), *lines, distance)
-    owners = slot[corner_entry]
+    del packed
     if lines[0] is not None and lines[1] is not None:
         inside = _fill_rows(device, grid, *lines)
     else:
-        nodes = owner_cells[:, None, :] + 0.5 * _corners()
+        triangles, nodes = grid.to_cells(mesh.triangles), owner_cells[:, None, :] + 0.5 * _corners()
         winding = winding_number(device, triangles, nodes.reshape(-1, 3)).reshape(n, 8)
         values = distance.get()
         distance.set(np.where(np.abs(winding) > 0.5, -values, values))
@@ -222,7 +224,8 @@ def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
     state = device.empty(len(cells), np.uint8)
     kernel = device.kernel("distance", "classify")
     device.run(kernel, len(cells), len(cells), device.array(owners), distance, state)
-    thickness = thickness_below(device, grid.dims, block, len(touched), bricks.entry, triangles, pieces)
+    some = grid.to_cells(mesh.triangles[:: -(-len(mesh.triangles) // LOOKED_AT)])
+    thickness = thickness_below(device, grid.dims, block, len(touched), bricks.entry, some, pieces)
     return Samples(cells, state.get(), owners, distance, inside, thickness)
 
 

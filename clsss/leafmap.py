@@ -117,11 +117,13 @@ class LeafMap:
 
 def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far each cell of the finest grid is from one of another kind: `near` and `clearance` of body.h."""
-    kind = np.where(is_cut, 0, np.where(solid, 129, 1)).astype(np.uint8).ravel()
+    kind = np.where(solid, np.uint8(129), np.uint8(1))
+    kind[is_cut] = 0
     rows = grid.dims[1] * grid.dims[2]
-    first, second = device.array(kind), device.empty(len(kind), np.uint8)
+    first, second, n = device.array(kind), device.empty(kind.shape, np.uint8), kind.size // 8
+    del kind
     device.run(device.kernel("clearance", "clear_along"), rows, rows, grid.dims, first, second)
-    across, n = device.kernel("clearance", "clear_across"), len(kind) // 8
+    across = device.kernel("clearance", "clear_across")
     device.run(across, n, n, grid.dims, 1, second, first)
     device.run(across, n, n, grid.dims, 2, first, second)
     clear = second.get().reshape(-1, 512)

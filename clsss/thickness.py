@@ -22,13 +22,12 @@ STEP = np.array([0.7548776662466927, 0.5698402909980532])  # of the sequence R2,
 
 def _starts(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 3) on triangles (m, 3, 3), even by area, and directions (n, 3) inwards."""
-    some = triangles[:: -(-len(triangles) // LOOKED_AT)]
-    total = np.cumsum(areas(some))
-    chosen = np.minimum(np.searchsorted(total, (np.arange(RAYS) + 0.5) / RAYS * total[-1]), len(some) - 1)
+    total = np.cumsum(areas(triangles))
+    chosen = np.minimum(np.searchsorted(total, (np.arange(RAYS) + 0.5) / RAYS * total[-1]), len(triangles) - 1)
     u, v = (np.arange(RAYS)[:, None] * STEP % 1).T
     u, v = np.where(u + v > 1, [1 - u, 1 - v], [u, v])
-    a, b, c = some[chosen].transpose(1, 0, 2)
-    return a + u[:, None] * (b - a) + v[:, None] * (c - a), -outward_normals(some[chosen])
+    a, b, c = triangles[chosen].transpose(1, 0, 2)
+    return a + u[:, None] * (b - a) + v[:, None] * (c - a), -outward_normals(triangles[chosen])
 
 
 def thickness_below(device: Device, dims: tuple[int, int, int], block: Buffer, n_cells: int,
@@ -43,9 +42,9 @@ def thickness_below(device: Device, dims: tuple[int, int, int], block: Buffer, n
     block, n_cells, entry
         The blocks of cells near the surface, how many cells those have, and the places of cells (n, 3) among them.
     triangles : (m, 3, 3) float64
-        [cells]
+        [cells]; `LOOKED_AT` of the surface's will do.
     pieces : Triangles
-        The same, none of them large.
+        All of them, none large.
     """
     start, direction = _starts(triangles)
     place, first = np.unique(entry(np.floor(start).astype(np.int64)), return_index=True)
