@@ -18,6 +18,7 @@ from scipy.sparse import csgraph
 
 STEP = [(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)]
 LOOSE = np.array([-1, -1, 0, 1, 2, 4, 5, 7, 9])  # most open faces inside a block of so many cells in two parts
+SLAB = 8  # layers of a grid at a time, so that lists of places take little memory
 DENSE = 64  # most cells of the coarsest level, whose inverse is dense
 
 
@@ -56,11 +57,15 @@ class Cells:
 
 def ordered(mask: np.ndarray) -> tuple[np.ndarray, tuple[int, int, int]]:
     """Cells (n, 3) of a mask by colour, then z, y, x."""
-    z, y, x = np.nonzero(mask)
-    ijk = np.stack([x, y, z], axis=1).astype(np.int32)
-    black = (ijk.sum(axis=1) & 1).astype(bool)
-    n_red = int((~black).sum())
-    return np.concatenate([ijk[~black], ijk[black]]), (0, n_red, len(ijk))
+    parts: tuple[list[np.ndarray], list[np.ndarray]] = [], []
+    for first in range(0, len(mask), SLAB):
+        ijk = np.argwhere(mask[first : first + SLAB])[:, ::-1].astype(np.int32) + np.array([0, 0, first], np.int32)
+        black = ijk.sum(axis=1) & 1
+        for colour in (0, 1):
+            parts[colour].append(ijk[black == colour])
+    n_red = sum(map(len, parts[0]))
+    ijk = np.concatenate(parts[0] + parts[1])
+    return ijk, (0, n_red, len(ijk))
 
 
 def index_map(shape: tuple[int, ...], ijk: np.ndarray) -> np.ndarray:

@@ -61,8 +61,8 @@ class Samples:
         For each cell, the slots in `distance` of the cells that own its 27 nodes.
     distance : (m, 8) real, device
         Signed distance [cells] at the nodes that each owner has.
-    inside : (nz, ny, nx) int8
-        Whether a cell's centre is inside.
+    inside : (nz, ny, nx / 8) uint8
+        Whether a cell's centre is inside, a bit each, that of the least x lowest.
     thickness : (k,) float64
         Below places of the surface, even by area [cells]; infinite where it is no less than one.
     """
@@ -235,7 +235,7 @@ def _fill_rows(device: Device, grid: Grid, line_start: Buffer, crossing: Buffer)
     inside = device.empty((nz, ny, nx), np.int8)
     kernel = device.kernel("crossing", "interior")
     device.run(kernel, ny * nz, ny * nz, grid.dims, line_start, crossing, inside)
-    return inside.get()
+    return np.packbits(inside.get(), axis=2, bitorder="little")
 
 
 def _fill_regions(device: Device, grid: Grid, triangles: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -255,7 +255,7 @@ def _fill_regions(device: Device, grid: Grid, triangles: np.ndarray, cells: np.n
     points = np.stack([probe % nx, (probe // nx) % ny, probe // (nx * ny)], axis=-1) + 0.5
     winding = winding_number(device, triangles, points.reshape(-1, 3)).reshape(probe.shape)
     is_inside = np.concatenate([[False], np.abs(np.median(winding, axis=0)) > 0.5])
-    return is_inside[label].astype(np.int8)
+    return np.packbits(is_inside[label], axis=2, bitorder="little")
 
 
 def cut_moments(device: Device, samples: Samples, rows: np.ndarray, cell: np.ndarray) -> CutCells:

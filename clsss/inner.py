@@ -110,11 +110,11 @@ class Inner:
 
 
 def within(grid: Grid, inside: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Which points (n, 3) [mm] lie in cells of the finest grid that the mask (z, y, x) calls inside."""
+    """Which points (n, 3) [mm] lie in cells of the finest grid that are `inside`, as in `Samples`."""
 
     def find(points: np.ndarray) -> np.ndarray:
         x, y, z = np.clip(np.floor(grid.to_cells(points)).astype(int), 0, np.array(grid.dims) - 1).T
-        return inside[z, y, x] > 0
+        return (inside[z, y, x >> 3] >> (x & 7) & 1).astype(bool)
 
     return find
 

@@ -33,8 +33,8 @@ class Level:
         Width [mm].
     depth : int
         How many levels above the finest.
-    ijk : (n, 3) int32
-        Position in widths of this level.
+    position : (n, 3) uint16
+        In widths of this level.
     leaf : (n,) bool
         Whether no finer cells replace it.
     colour_start : (3,) int
@@ -69,7 +69,7 @@ class Level:
 
     h: float
     depth: int
-    ijk: np.ndarray
+    position: np.ndarray
     leaf: np.ndarray
     colour_start: tuple[int, int, int]
     nbr: Buffer
@@ -90,11 +90,16 @@ class Level:
     @property
     def n(self) -> int:
         """Number of cells."""
-        return len(self.ijk)
+        return len(self.position)
+
+    @property
+    def ijk(self) -> np.ndarray:
+        """`position` as int32, to reckon with."""
+        return self.position.astype(np.int32)
 
     def lend_position(self, device: Device) -> Buffer:
-        """`ijk` (n, 3) as kernels take it, in 16 bits, on the device for as long as that is held."""
-        return device.array(self.ijk, np.uint16)
+        """`position` as kernels take it, on the device for as long as that is held."""
+        return device.array(self.position)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +213,8 @@ def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np
     flat[slot] = n + len(face) + np.arange(len(slot), dtype=np.int32)
     covered = np.flatnonzero(~cells.leaf).astype(np.int32)
     child, chain = first_children(*finer, n) if finer else (None, np.empty((0, 2), np.int32))
-    level = Level(grid.h * 2**depth, depth, cells.ijk, cells.leaf, cells.colour_start, device.array(cells.nbr),
-                  to_parent, device.array(covered),
+    level = Level(grid.h * 2**depth, depth, cells.ijk.astype(np.uint16), cells.leaf, cells.colour_start,
+                  device.array(cells.nbr), to_parent, device.array(covered),
                   None if child is None else device.array(child[covered]), device.array(chain),
                   device.array(cells.leaf.astype(np.uint8) if finer else np.empty(0, np.uint8)), len(face),
                   device.array(face), device.array(octants(cells.ijk[face // 6])), device.empty(0, np.int32),
@@ -220,13 +225,15 @@ def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np
 
 
 def _make_levels(device: Device, grid: Grid, cells: list[Cells], parents: list[np.ndarray]) -> tuple[Level, ...]:
-    """Levels from coarsest to finest; `parents` of all but the coarsest."""
+    """Levels from coarsest to finest, which use `cells` and `parents` (of all but the coarsest) up."""
     levels: list[Level] = []
     sources: list[np.ndarray] = []
-    for number, level_cells in enumerate(cells):
-        finer = (cells[number + 1], parents[number]) if number + 1 < len(cells) else None
-        level, source = _make_level(device, grid, len(cells) - 1 - number, level_cells,
-                                    parents[number - 1] if number else None, finer)  # fmt: skip
+    parent = None
+    while cells:
+        level_cells = cells.pop(0)
+        finer = (cells[0], parents[0]) if cells else None
+        level, source = _make_level(device, grid, len(cells), level_cells, parent, finer)
+        parent = parents.pop(0) if parents else None
         levels.append(level)
         sources.append(source)
     for number, source in enumerate(sources[1:]):
@@ -253,7 +260,7 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     Octree
     """
     touched = samples.cells
-    solid = samples.inside.astype(bool)
+    solid = np.unpackbits(samples.inside, axis=2, bitorder="little").view(bool)
     solid[touched[:, 2], touched[:, 1], touched[:, 0]] = samples.state > 0
     is_cut = np.zeros(solid.shape, bool)
     cut_rows = np.flatnonzero(samples.state == 2)
@@ -262,31 +269,52 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     while max(has[0].shape) > 4:
         has.insert(0, pool(has[0]))
     split = split_masks(grid, has, is_cut, refine) if refine else [mask.copy() for mask in has[:-1]]
-    exists = [has[0]] + [h & spread(s, h.shape) for h, s in zip(has[1:], split, strict=True)]
-    positions, colour_start = zip(*[ordered(mask) for mask in exists], strict=True)
-    leaf = [~s[c[:, 2], c[:, 1], c[:, 0]] for s, c in zip(split, positions[:-1], strict=True)]
-    leaf.append(np.ones(len(positions[-1]), bool))
-    leaf_map = LeafMap(grid, exists[-1], positions, leaf, colour_start[-1][1])
-    n = len(positions[-1])
-    nbr = device.empty((n, 6), np.int32)
-    kernel = device.kernel("octree", "neighbours")
-    device.run(kernel, n, n, *leaf_map.on_device(device, grid), device.array(positions[-1]), nbr)
-    cut, cut_index = _cut_cells(device, samples, cut_rows, leaf_map, n)
-    cells = [finest_cells(positions[-1], colour_start[-1], nbr.get(), cut.cell.get(), cut.aperture)]
+    shapes = [mask.shape for mask in has]
+    near, clearance = clearance_map(device, grid, solid, is_cut)
+    del solid, is_cut
+    positions, colour_start, leaf, exists = _place_cells(has, split)
+    leaf_map = LeafMap(grid, exists, positions, leaf, colour_start[-1][1])
+    del exists, split
+    nbr = _neighbours(device, grid, leaf_map, positions[-1])
+    cut, cut_index = _cut_cells(device, samples, cut_rows, leaf_map, len(nbr))
+    cells = [finest_cells(positions.pop(), colour_start[-1], nbr, cut.cell.get(), cut.aperture)]
+    del nbr
     parents: list[np.ndarray] = []
-    for number in range(len(positions) - 2, -1, -1):
-        coarse, parent = coarsen(cells[0], has[number].shape, positions[number], leaf[number], colour_start[number][1])
+    while positions:
+        number = len(positions) - 1
+        coarse, parent = coarsen(cells[0], shapes[number], positions.pop(), leaf[number], colour_start[number][1])
         _find_coarser(cells[0], coarse)
-        leaf_map.write_leaves(len(positions) - 1 - number, coarse.ijk, coarse.leaf)
-        cells.insert(0, coarse)
+        leaf_map.write_leaves(len(shapes) - 1 - number, coarse.ijk, coarse.leaf)
+        cells.insert(0, replace(coarse, index=None))
         parents.insert(0, parent)
     while len(cells[0].ijk) > DENSE:
         coarse, parent = coarsen_further(cells[0])
         cells.insert(0, coarse)
         parents.insert(0, parent)
     levels = _make_levels(device, grid, cells, parents)
-    near, clearance = clearance_map(device, grid, solid, is_cut)
     return Octree(grid, levels, cut, cut_index, leaf_map, near, clearance, samples.thickness)
+
+
+def _place_cells(has: list[np.ndarray], split: list[np.ndarray]) -> tuple[list[Any], list[Any], list[Any], np.ndarray]:
+    """Positions, colours and leaves of the cells of all levels, and the finest's mask; uses `has` up."""
+    exists = has.pop(0)
+    found, leaf = [ordered(exists)], []
+    for masks in split:
+        x, y, z = found[-1][0].T
+        leaf.append(~masks[z, y, x])
+        exists = spread(masks, has[0].shape)
+        exists &= has.pop(0)
+        found.append(ordered(exists))
+    leaf.append(np.ones(len(found[-1][0]), bool))
+    return [ijk for ijk, _ in found], [start for _, start in found], leaf, exists
+
+
+def _neighbours(device: Device, grid: Grid, leaf_map: LeafMap, ijk: np.ndarray) -> np.ndarray:
+    """Cells (n, 6) of the finest level at the six positions around each; -1: none."""
+    nbr, n = device.empty((len(ijk), 6), np.int32), len(ijk)
+    tree = leaf_map.on_device(device, grid)
+    device.run(device.kernel("octree", "neighbours"), n, n, *tree, device.array(ijk), nbr)
+    return nbr.get()
 
 
 def _cut_cells(device: Device, samples: Samples, rows: np.ndarray, leaf_map: LeafMap,

@@ -20,6 +20,7 @@ from clsss.cutcell import Grid
 BAND = 6  # width of every band of one level, in cells of the next coarser: glowing bodies need them inside
 SOURCE_VARIATION = 0.3  # greatest change of the incident light over a leaf, relative to its value at the surface
 DIFFUSION_LENGTHS = 0.25  # widest leaf at the surface; deeper, its square grows as phi decays
+CHUNK = 1 << 16  # cells at a time, so that what is computed of each takes little memory
 SIGMA_VARIATION = 0.1  # greatest (max - min) / (max + min) of sigma_tr over a leaf
 
 Refine = Callable[[np.ndarray, float, np.ndarray], np.ndarray]
@@ -27,7 +28,8 @@ Refine = Callable[[np.ndarray, float, np.ndarray], np.ndarray]
 
 def pool(values: np.ndarray) -> np.ndarray:
     """Greatest value of the eight children of each cell of the next coarser grid; of a mask, whether any is set."""
-    values = np.pad(values, [(0, n % 2) for n in values.shape], mode="edge")
+    if any(n % 2 for n in values.shape):
+        values = np.pad(values, [(0, n % 2) for n in values.shape], mode="edge")
     for axis in range(3):
         pairs = np.moveaxis(values, axis, 0)
         values = np.moveaxis(np.maximum(pairs[::2], pairs[1::2]), 0, axis)
@@ -36,7 +38,8 @@ def pool(values: np.ndarray) -> np.ndarray:
 
 def _pool_around(mask: np.ndarray) -> np.ndarray:
     """Whether any of the 64 cells within and around each cell of the next coarser grid is set."""
-    mask = np.pad(mask, [(0, n % 2) for n in mask.shape])
+    if any(n % 2 for n in mask.shape):
+        mask = np.pad(mask, [(0, n % 2) for n in mask.shape])
     for axis in range(3):
         pairs = np.moveaxis(mask, axis, 0)
         around = pairs[::2] | pairs[1::2]
@@ -67,11 +70,11 @@ def split_masks(grid: Grid, has: list[np.ndarray], cut: np.ndarray, refine: Refi
     layers = ndimage.distance_transform_cdt(~pool(cut), "chessboard")
     for level in range(len(has) - 2, -1, -1):
         h = grid.h * 2 ** (len(has) - 1 - level)
-        open_cells = np.argwhere(has[level] & ~near)
-        centres = grid.origin + (open_cells[:, ::-1] + 0.5) * h
-        depth = 2.0 * grid.h * layers[tuple(open_cells.T)]
-        again = open_cells[refine(centres, h, depth)]
-        near[tuple(again.T)] = True
+        open_cells = np.flatnonzero(has[level] & ~near)
+        for first in range(0, len(open_cells), CHUNK):
+            some = np.unravel_index(open_cells[first : first + CHUNK], near.shape)
+            centres = grid.origin + (np.stack(some[::-1], axis=1) + 0.5) * h
+            near[some] = refine(centres, h, 2.0 * grid.h * layers[some])
         split.insert(0, has[level] & near)
         near = _dilate(pool(split[0]), BAND)
         layers = -pool(-layers)

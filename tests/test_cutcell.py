@@ -218,12 +218,13 @@ def test_inside_is_where_the_winding_number_exceeds_a_half(device, odd_triangles
     mesh = solid(odd_triangles, closed)
     grid = cutcell.make_grid(mesh.bounds, 12)
     samples = cutcell.sample_surface(device, grid, mesh)
-    decided = np.ones(samples.inside.shape, bool)
+    inside = np.unpackbits(samples.inside, axis=2, bitorder="little")
+    decided = np.ones(inside.shape, bool)
     if not closed:  # cells that the surface touches have states of their own
         decided[tuple(samples.cells[:, ::-1].T)] = False
     z, y, x = pick = np.random.default_rng(2).permutation(np.argwhere(decided))[:1000].T
     centres = grid.to_mm(np.stack([x, y, z], axis=1) + 0.5)
-    np.testing.assert_array_equal(samples.inside[tuple(pick)] != 0, np.abs(winding(centres, odd_triangles)) > 0.5)
+    np.testing.assert_array_equal(inside[tuple(pick)] != 0, np.abs(winding(centres, odd_triangles)) > 0.5)
 
 
 def distance_to(point, triangles):
