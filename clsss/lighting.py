@@ -140,8 +140,9 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
             if follower:
                 follower.start_from(last.leaving * (last.unit / unit))
         convergence = scene.multigrid.solve(
-            source.b, phi, scene.tolerance, progress=lambda f: tell("solve", f), follower=follower
-        )
+            source.b, phi, scene.tolerance, progress=lambda f: tell("solve", f), follower=follower,
+            from_zero=last is None,
+        )  # fmt: skip
         flux, entering = follower.surface(phi) if follower else (
             boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
     gain = entering_gain(medium.eta)

@@ -190,8 +190,8 @@ class Multigrid:
         self.device.run(self._combine, n, n, *scale, x.whole, y.whole)
 
     def solve(self, b: Field, phi: Field, tolerance: float, max_cycles: int = 40,
-              progress: Callable[[float], None] | None = None,
-              follower: Follower | None = None) -> Convergence:  # fmt: skip
+              progress: Callable[[float], None] | None = None, follower: Follower | None = None,
+              from_zero: bool = False) -> Convergence:  # fmt: skip
         """Solve A_h phi = b, starting from `phi`.
 
         Where the plain cycle is slower than `SLOW`, cycles are combined so that the residual is least (`Anderson`).
@@ -212,6 +212,8 @@ class Multigrid:
             Called with the fraction done after each cycle.
         follower : Follower, optional
             Part of the source that depends on the solution.
+        from_zero : bool
+            Whether `phi` is zero, ghosts included.
 
         Returns
         -------
@@ -231,7 +233,10 @@ class Multigrid:
         undecided = True
         residuals: list[np.ndarray] = []
         while True:
-            self._take_residual()
+            if from_zero and not residuals and self.residual.wall is None:
+                self.residual.of_zero(b, r)
+            else:
+                self._take_residual()
             if follower and adjust:
                 follower.update()
                 adjust()

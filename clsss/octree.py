@@ -266,7 +266,7 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     cut_rows = np.flatnonzero(samples.state == 2)
     is_cut[tuple(touched[cut_rows, ::-1].T)] = True
     has = [solid]
-    while max(has[0].shape) > 4:
+    while len(has) < 2 or np.count_nonzero(has[0]) > DENSE:
         has.insert(0, pool(has[0]))
     split = split_masks(grid, has, is_cut, refine) if refine else [mask.copy() for mask in has[:-1]]
     shapes = [mask.shape for mask in has]

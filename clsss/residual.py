@@ -104,6 +104,11 @@ class Residual:
             op.irregular, finest.nbr, octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.face_centroid,
             T[-1].row, T[-1].values, self.slope, phi[-1], r[-1])  # fmt: skip
 
+    def of_zero(self, b: Field, r: Field) -> None:
+        """The same for phi = 0, which is complete as it is, where there is no `wall`."""
+        r.whole.copy_from(b.whole)
+        self.slope.fill(0)
+
     def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
         """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].
 

@@ -427,6 +427,16 @@ def test_same_bits_twice(device):
     np.testing.assert_array_equal(*found)
 
 
+def test_a_solve_from_zero_need_not_look_at_it(device):
+    found = []
+    for from_zero in (False, True):
+        mg, b, phi = prepared(device, resolution=24)
+        mg.e.whole.fill(7)  # gradients lie there
+        done = mg.solve(b, phi, 1e-4, from_zero=from_zero)
+        found.append(np.concatenate([*(x.get().ravel() for x in phi), *done.residuals]))
+    np.testing.assert_array_equal(*found)
+
+
 def test_progress_grows_to_one(device):
     mg, b, phi = prepared(device, resolution=24)
     told = []
