@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from clsss.mesh import Mesh
 
 DEMO_SIZE = 20.0
+_MATERIAL_SUFFIX = ".toml"
+_OUTPUTS = ("output", "report", "picture", "json", "screenshot", "save_scene")
 _MATERIAL_KEYS = ("name", "source", "sigma_a", "sigma_s", "sigma_s_prime", "g", "eta")
 
 
@@ -30,19 +32,16 @@ def check(args: argparse.Namespace) -> None:
     Raises
     ------
     InputError
-        A file that the options name is missing, a number is out of range, or a material is unknown.
+        A file that the options name is missing or to be written over, a number is out of range, or a material is
+        unknown.
     DeviceError
         The device that the options name does not work.
     """
-    lights = args.lights or ()
-    files = [None if _is_demo(args) else args.mesh, *(args.blockers or ()), args.grid, *(o.file for o in lights)]
-    for path in files:
-        if path and not Path(path).exists():
-            raise InputError(f"{path}: there is no such file")
+    _check_files(args)
     materials_from(args)
     import numpy as np
 
-    for option in lights:
+    for option in args.lights or ():
         if not option.file:
             _light(option, np.array([[0.0] * 3, [1.0] * 3]), args.up)  # any box will do
     from clsss.arguments import check_solver
@@ -52,6 +51,21 @@ def check(args: argparse.Namespace) -> None:
         from clsss.device import open_device
 
         open_device(args.device, args.precision)
+
+
+def _check_files(args: argparse.Namespace) -> None:
+    """Files that are read are there, and none of them is written over."""
+    mesh = None if _is_demo(args) else args.mesh
+    materials = (args.material, *(args.mix or ())[:1], *(args.vertex_colours or ()))
+    own = (name for name in materials if name and name.lower().endswith(_MATERIAL_SUFFIX))
+    files = [*filter(None, (mesh, *(args.blockers or ()), args.grid, *(o.file for o in args.lights or ()))), *own]
+    for path in files:
+        if not Path(path).exists():
+            raise InputError(f"{path}: there is no such file")
+    for path in filter(None, (vars(args).get(key) for key in _OUTPUTS)):
+        if Path(path).resolve() in {Path(other).resolve() for other in files}:
+            raise InputError(f"{path}: is read and would be written over; give what is written a name of its own")
+        files.append(path)
 
 
 def _is_demo(args: argparse.Namespace) -> bool:
@@ -130,7 +144,7 @@ def _named(name: str) -> Material:
     """A measured material, or one from a file."""
     from clsss.materials import material
 
-    return material_file(name) if name.lower().endswith(".toml") else material(name)
+    return material_file(name) if name.lower().endswith(_MATERIAL_SUFFIX) else material(name)
 
 
 def _base(args: argparse.Namespace) -> Material:

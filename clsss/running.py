@@ -73,6 +73,9 @@ def run(command: Callable[[], None]) -> int:
 
 def run_and_leave(command: Callable[[], None]) -> None:
     """Run a command and end the process with its exit code."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # whoever started the process has closed it
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     try:
         code = run(command)
     except SystemExit as stop:  # argparse: help or wrong usage

@@ -254,6 +254,32 @@ def test_what_is_wrong_whatever_the_mesh_is_told_before_it_is_read(tmp_path, wor
         running.bake_with_bar(scenefile.parse(parser, [str(path), *words]))
 
 
+@pytest.mark.parametrize(
+    "words", [["-o", "a.ply"], ["-o", "./a.ply"], ["-o", "b.glb", "--report", "b.glb"],
+              ["-o", "b.glb", "--material", "w.toml", "--save-scene", "w.toml"],
+              ["-o", "link.ply"]]
+)  # fmt: skip
+def test_nothing_is_written_over_what_is_read(tmp_path, words):
+    before = {"a.ply": "no mesh", "w.toml": "sigma_a = 1\nsigma_s = 1"}
+    for name, text in before.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "link.ply").symlink_to("a.ply")
+    command = [sys.executable, "-m", "clsss", "bake", "a.ply", *words]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": ROOT})
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "written over" in done.stderr
+    assert {name: (tmp_path / name).read_text() for name in before} == before
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_closed_streams_are_no_trouble(tmp_path, closed):
+    words = [sys.executable, "-m", "clsss", "bake", "demo", "-o", tmp_path / "a.ply", "--resolution", "8"]
+    done = subprocess.run(["bash", "-c", shlex.join(map(str, words)) + " " + closed], capture_output=True, text=True,
+                          cwd=ROOT)  # fmt: skip
+    assert (done.returncode, "Traceback" in done.stderr) == (0, False)
+    assert os.listdir(tmp_path) == ["a.ply"]
+
+
 def test_the_window_waits_for_nothing_that_is_wrong_already(monkeypatch, capsys):
     monkeypatch.setattr(running, "leave", lambda code: None)
     monkeypatch.setattr("clsss.window.Window", lambda args: pytest.fail("opened a window"))
