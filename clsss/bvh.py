@@ -1,4 +1,4 @@
-"""A complete binary tree of boxes over triangles, for rays on the device (kernels/surface.h).
+"""A complete binary tree of boxes over triangles, for rays on the device (kernels/bvh.h).
 
 Input: triangles (m, 3, 3) [mm]. Output: boxes of the nodes and the triangles in the order of the leaves.
 """

@@ -9,8 +9,19 @@
 #include "body.h"
 #include "beam.h"
 #include "position.h"
-#include "ray.h"
+#include "march.h"
 #include "irradiance.h"
+
+/* What beams to LANES points, `count` of them asked for, meet on their way. */
+Passage met_by_beams(const Body body, const REAL4 light, const REAL4 *p, const int count, Beam *beam) {
+    Rays rays;
+    for (int l = 0; l < LANES; l++) {
+        beam[l] = beam_at(light, p[l]);
+        set_ray(&rays, l, p[l], beam[l]);
+        if (l >= count) rays.distance.at[l] = 0;
+    }
+    return march(body, rays);
+}
 
 /* F at the centroids of one level's cells that `order` lists, neighbours in space one after the other: what their rays
  * meet stays in a cache. One work-item for LANES cells. */
@@ -21,19 +32,15 @@ __kernel void beam_in_cells(const int n, const int depth, const REAL h, const RE
     const int first = LANES * get_global_id(0), count = min(LANES, n - first);
     if (count <= 0) return;
     const Body body = BODY_ARGUMENTS;
-    Beam beam[LANES];
-    Rays rays;
+    REAL4 p[LANES];
     for (int l = 0; l < LANES; l++) {
         const int i = order[first + min(l, count - 1)];
         const REAL4 corner = corner_of(i, position);
-        REAL4 p = (corner + (REAL)0.5) * (REAL)(1 << depth);
-        if (depth == 0 && cut_index[i] >= 0) p = corner + centroid[cut_index[i]];
-        p.w = 0;
-        beam[l] = beam_at(light, p);
-        set_ray(&rays, l, p, beam[l]);
-        if (l >= count) rays.distance.at[l] = 0;
+        p[l] = (corner + (REAL)0.5) * (REAL)(1 << depth);
+        if (depth == 0 && cut_index[i] >= 0) p[l] = corner + centroid[cut_index[i]];
     }
-    const Passage met = march(body, rays);
+    Beam beam[LANES];
+    const Passage met = met_by_beams(body, light, p, count, beam);
     for (int l = 0; l < count; l++) {
         F[order[first + l]] =
             reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l], met.entry.at[l]);
@@ -48,16 +55,13 @@ __kernel void beam_at_boundary(const int n, const REAL h, const REAL eta, const 
     const int first = LANES * get_global_id(0), count = min(LANES, n - first);
     if (count <= 0) return;
     const Body body = BODY_ARGUMENTS;
-    Beam beam[LANES];
-    Rays rays;
+    REAL4 p[LANES];
     for (int l = 0; l < LANES; l++) {
         const int c = order[first + min(l, count - 1)];
-        REAL4 p = corner_of(cut_cell[c], position) + boundary[c];
-        p.w = 0;
-        beam[l] = beam_at(light, p);
-        set_ray(&rays, l, p, beam[l]);
+        p[l] = corner_of(cut_cell[c], position) + boundary[c];
     }
-    const Passage met = march(body, rays);
+    Beam beam[LANES];
+    const Passage met = met_by_beams(body, light, p, count, beam);
     for (int l = 0; l < count; l++) {
         const int c = order[first + l], entry = met.entry.at[l] < 0 ? c : met.entry.at[l];
         F_B[c] = reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l], entry);

@@ -1,4 +1,4 @@
-/* clearance.cl -- how far every cell of the finest grid is from one of another kind, for rays to leap across (ray.h).
+/* clearance.cl -- how far every cell of the finest grid is from one of another kind, for rays to leap across (march.h).
  *
  * A cell is cut (0), full (128 + k) or empty (k): all cells within k - 1 of it, diagonals included, are of its kind.
  * Distances of this kind separate: along x first, then across rows, then across planes.

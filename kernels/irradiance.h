@@ -1,13 +1,5 @@
 /* irradiance.h -- what a beam has left inside an object. Needs body.h and beam.h. */
-
-/* Unpolarised Fresnel transmittance for light that enters at cosine mu from outside. */
-REAL transmittance(const REAL mu, const REAL eta) {
-    const REAL inner2 = 1 - (1 - mu * mu) / (eta * eta);
-    if (inner2 <= 0) return 0;
-    const REAL inner = sqrt(inner2);
-    const REAL s = (mu - eta * inner) / (mu + eta * inner), q = (eta * mu - inner) / (eta * mu + inner);
-    return 1 - (s * s + q * q) / 2;
-}
+#include "fresnel.h"
 
 /* Irradiance left after optical depth tau, of a beam that entered at cut cell `entry` (-1: nowhere). */
 REAL4 reduced_irradiance(const Body body, const REAL h, const REAL eta, const REAL4 light, const REAL4 strength,

@@ -9,7 +9,8 @@
  */
 #include "real.h"
 #include "random.h"
-#include "surface.h"
+#include "phase.h"
+#include "bvh.h"
 #include "medium.h"
 
 #define BLOCK 8 /* mean free paths at the majorant between two looks for the surface */

@@ -7,9 +7,11 @@
  */
 #include "real.h"
 #include "random.h"
-#include "surface.h"
+#include "phase.h"
+#include "bvh.h"
 #include "medium.h"
 #include "launch.h"
+#include "fresnel.h"
 
 enum { INCIDENT, REFLECTED, ABSORBED, SCATTERED, UNSCATTERED, LOST, CAPPED, TALLIES };
 
@@ -17,17 +19,6 @@ enum { INCIDENT, REFLECTED, ABSORBED, SCATTERED, UNSCATTERED, LOST, CAPPED, TALL
 void add(__global uint *restrict sums, const int k, const REAL value) {
     const uint v = (uint)(value * 1048576 + (REAL)0.5), old = atomic_add(sums + 2 * k, v);
     if (old + v < old) atomic_inc(sums + 2 * k + 1);
-}
-
-/* Unpolarised reflectance; eta: index of the side the light comes from over that of the other. */
-REAL reflectance(const REAL cosine, const REAL eta, REAL *restrict beyond) {
-    const REAL sin2 = eta * eta * (1 - cosine * cosine);
-    *beyond = sqrt(fmax((REAL)0, 1 - sin2));
-    if (eta == 1) return 0;
-    if (sin2 >= 1) return 1;
-    const REAL s = (eta * cosine - *beyond) / (eta * cosine + *beyond);
-    const REAL p = (eta * *beyond - cosine) / (eta * *beyond + cosine);
-    return (s * s + p * p) / 2;
 }
 
 // cost photons: 8R B, 100000 flop

@@ -27,13 +27,6 @@ REAL3 around(const REAL3 axis, const REAL mu, const REAL u) {
     return normalize(r * cosine * x + r * sine * y + mu * axis);
 }
 
-/* Cosine of a scattering angle, distributed after Henyey and Greenstein 1941. */
-REAL scattering_cosine(const REAL g, const REAL u) {
-    if (fabs(g) < (REAL)1e-3) return 1 - 2 * u;
-    const REAL s = (1 - g * g) / (1 - g + 2 * g * u);
-    return clamp((1 + g * g - s * s) / (2 * g), (REAL)-1, (REAL)1);
-}
-
 /* First entry of a cumulative distribution that exceeds u. */
 int pick(const int n, __global const REAL *restrict cumulative, const REAL u) {
     int low = 0, high = n - 1;
@@ -42,10 +35,4 @@ int pick(const int n, __global const REAL *restrict cumulative, const REAL u) {
         if (cumulative[middle] > u) high = middle; else low = middle + 1;
     }
     return low;
-}
-
-/* Henyey and Greenstein's phase function [1/sr]. */
-REAL phase(const REAL g, const REAL mu) {
-    const REAL s = 1 + g * g - 2 * g * mu;
-    return (1 - g * g) / (4 * M_PI_F * s * sqrt(s));
 }

@@ -4,7 +4,7 @@
 #include "lanes.h"
 #include "body.h"
 #include "beam.h"
-#include "ray.h"
+#include "march.h"
 
 /* Of n rays, the cut cell met, or -1; the extinction is so large that rays end there. One work-item for LANES rays. */
 // cost first_met: 96R+64 B, 8000 flop  (16 lanes)

@@ -3,18 +3,18 @@
  *     L = T(mu) / eta^2  int sigma_s p(omega_light . omega) F(x - s omega) exp(-tau(s)) ds
  *
  * Depths s follow from the nodes of a quadrature (u, weight) in u ~ 1 - exp(-s rate), rate the mean extinction, up to
- * the first gap. F is traced to the light from each, as in attenuate.cl; p is the Henyey-Greenstein phase function.
+ * the first gap. F is traced to the light from each, as in attenuate.cl; p is the phase function.
  * BLOCKED: opaque triangles stand in the way of the light and of what it scatters.
  */
 #include "real.h"
 #include "lanes.h"
 #include "body.h"
 #include "beam.h"
-#include "ray.h"
+#include "march.h"
 #include "irradiance.h"
 
 #ifdef BLOCKED
-#include "surface.h"
+#include "bvh.h"
 #define BLOCKERS \
     const int first_leaf, const int leaf_size, __global const REAL *restrict box, \
         __global const REAL *restrict triangle,
@@ -22,6 +22,7 @@
 #else
 #define BLOCKERS
 #endif
+#include "phase.h"
 
 #ifdef HETEROGENEOUS
 #define SCATTERING __global const REAL4 *restrict scattering
@@ -32,11 +33,6 @@
 #endif
 
 #define FAR 9 /* mean free paths: less than exp(-9) comes from beyond */
-
-REAL henyey_greenstein(const REAL mu, const REAL g) {
-    const REAL d = 1 + g * g - 2 * g * mu;
-    return (1 - g * g) / (4 * (REAL)3.14159265358979 * d * sqrt(d));
-}
 
 /* Radiance leaving point i in its direction `out` (unit, outwards), added to the sum for other lights. */
 // cost scattered_once: 20R B, 40000 flop
@@ -95,7 +91,7 @@ __kernel void scattered_once(const int n, const int n_depths, const REAL h, cons
             const REAL4 F = reduced_irradiance(body, h, eta, light, strength, beam[l], to.tau[l], to.entry.at[l]);
             const REAL turn = -dot(beam[l].towards.xyz, inside.xyz);
             sum += SCATTERING_OF(code[l]) * F * exp(rate * s - from.tau[l]) *
-                   (henyey_greenstein(turn, g) * top * nodes[first + l].y / rate);
+                   (phase(g, turn) * top * nodes[first + l].y / rate);
         }
     }
     const REAL passes = eta == 1 ? 1 : transmittance(mu, eta) / (eta * eta);

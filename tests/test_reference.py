@@ -245,7 +245,7 @@ def test_no_photon_slips_through_triangles_of_all_sizes():
 
 
 def test_a_place_is_found_in_its_piece():
-    """The numbering that kernels/surface.h finds pieces by: the piece's three parts about the place fill it."""
+    """The numbering that kernels/bvh.h finds pieces by: the piece's three parts about the place fill it."""
     k, corners = 5, np.array([[0.0, 0, 0], [3, 1, 0], [1, 2, 1]])
     pieces, _ = subdivide(corners[None], 1e9, at_least=k)
     assert len(pieces) == k**2

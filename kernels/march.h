@@ -1,4 +1,4 @@
-/* ray.h -- straight rays through a body towards a light, as many at once as there are lanes.
+/* march.h -- straight rays through a body towards a light, as many at once as there are lanes.
  *
  * Rays leap as far as all cells are empty, or full of one medium, by the cells' `clearance` (clearance.cl); where the
  * medium varies, leaf by leaf. Needs real.h, lanes.h, body.h and beam.h.

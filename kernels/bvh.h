@@ -1,4 +1,4 @@
-/* surface.h -- rays against triangles in a complete binary tree of boxes.
+/* bvh.h -- rays against triangles in a complete binary tree of boxes.
  *
  * Node 1 is the root, nodes 2i and 2i+1 are the children of i, nodes from `first_leaf` on are leaves that hold
  * `leaf_size` consecutive triangles each. A ray meets its hits in the order of (distance, triangle), each once:
@@ -69,7 +69,7 @@ bool absorbed(const Hit hit) { return hit.id >= 0 && hit.out == 0; }
 /* How many bodies hold the ray after it passed a hit. */
 int crossed(const int count, const Hit hit) { return max(0, count - hit.out); }
 
-/* Which piece of a triangle, cut into cut.y^2 of which cut.x is the first, a place on it lies in (see refine.py). */
+/* Which piece of a triangle, cut into cut.y^2 of which cut.x is the first, a place on it lies in (subdivision.py). */
 int piece(const Surface s, const int id, const REAL3 at, const int2 cut) {
     const REAL3 p = vload3(3 * id, s.triangle), x = at - p;
     const REAL3 b = vload3(3 * id + 1, s.triangle) - p, c = vload3(3 * id + 2, s.triangle) - p, normal = cross(b, c);
