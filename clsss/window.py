@@ -104,7 +104,7 @@ class Window:
             return
         if self.view is None:
             self.lights = list(event.result.lights)
-            self._say("press H for help")
+            self._say("drag turns the light" if self.moves_light else "press H for help")
         self.view = event
         self.scene.set_radiosity(event.radiosity, event.scale)
 
@@ -139,7 +139,7 @@ class Window:
             self._look()
         doing = self.baker.doing
         stage = "" if doing is None else f"{doing[0]}  {100 * doing[1]:.0f} %" if doing[1] else doing[0]
-        words = stage or (self.message if time.monotonic() < self.message_ends else "")
+        words = list(filter(None, (self.message if time.monotonic() < self.message_ends else "", stage)))
         state = (
             self._size(),
             self.camera,
@@ -151,7 +151,7 @@ class Window:
         )
         if state == self._shown and not force:
             return
-        lines = [*(WINDOW_HELP if self.shows_help else ()), *([words] if words else ())]
+        lines = [*(WINDOW_HELP if self.shows_help else ()), *words]
         density = glfw.get_window_content_scale(self.window)[0]
         self.scene.set_overlay(panel(lines, density, doing and doing[1]) if lines else None)
         glfw.set_window_title(self.window, " – ".join(filter(None, ("clsss", self.name, stage))))
@@ -175,9 +175,15 @@ class Window:
             self._reset()
         elif letter == "S" and self.camera is not None:
             self._save()
-        elif letter == "L" and self.view is not None:
+        elif letter == "L" and self._lit_from_all_around():
+            self._say("light from all around cannot be turned")
+        elif letter == "L":
             self.moves_light = not self.moves_light
-            self._say("drag turns the " + ("light" if self.moves_light else "camera"))
+            then = " as soon as it is baked" if self.moves_light and self.view is None else ""
+            self._say(f"drag turns the {'light' if self.moves_light else 'camera'}{then}")
+
+    def _lit_from_all_around(self) -> bool:
+        return all(option.kind == "env" for option in self.args.lights or default_lights(self.args.up))
 
     def _save(self) -> None:
         number = 1
@@ -209,7 +215,7 @@ class Window:
         if middle or right or (left and shift):
             height = glfw.get_window_size(window)[1]
             self.camera = self.camera.panned(-dx / height, dy / height)
-        elif left and self.moves_light:
+        elif left and self.moves_light and self.view is not None:
             self._turn_lights(np.radians(DEGREES_PER_POINT) * dx, np.radians(DEGREES_PER_POINT) * dy)
         elif left:
             self.camera = self.camera.orbited(-DEGREES_PER_POINT * dx, DEGREES_PER_POINT * dy)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import queue
 import threading
 from types import SimpleNamespace
 
@@ -11,13 +12,14 @@ import numpy as np
 import pytest
 
 from clsss import grammar, scenefile, view
-from clsss.baker import GLANCE, LOOK, Baker
+from clsss.baker import GLANCE, LOOK, Baker, View
 from clsss.camera import Camera, fitted
 from clsss.errors import DeviceError
 from clsss.exposure import display_scale
+from clsss.lights import DirectionalLight
 from clsss.overlay import panel
 from clsss.srgb import srgb_encode
-from clsss.window import rotation, turned
+from clsss.window import Window, rotation, turned
 
 SIZE = (160, 90)
 LOOKING = SimpleNamespace(camera=(0, 0, 1), up="y")
@@ -138,6 +140,31 @@ def test_lights_turn_around_the_mesh():
     np.testing.assert_allclose(turned(PointLight((3, 1, 0)), quarter, centre).position, (1, 3, 0), atol=1e-15)
     sky = EnvironmentLight(1.0)
     assert turned(sky, quarter, centre) is sky
+
+
+def test_the_light_can_be_asked_for_while_the_first_bake_runs(monkeypatch):
+    """It says from when on; until then dragging turns the camera."""
+    glfw = pytest.importorskip("glfw")
+    monkeypatch.setattr(glfw, "get_mouse_button", lambda window, button: int(button == glfw.MOUSE_BUTTON_LEFT))
+    monkeypatch.setattr(glfw, "get_key", lambda window, key: glfw.RELEASE)
+    window = Window.__new__(Window)
+    window.camera, window.view, window.moves_light, window.pointer = Camera(np.zeros(3), 1.0), None, False, (0, 0)
+    window.args = SimpleNamespace(lights=[grammar.light("env:1")], up="y")
+    window._typed("L")
+    assert (window.message, window.moves_light) == ("light from all around cannot be turned", False)
+    window.args.lights.append(grammar.light("directional:0,0,1"))
+    window.scene = SimpleNamespace(mesh=SimpleNamespace(bounds=np.array([[-1.0] * 3, [1.0] * 3])))
+    window.lights, window.baker = [], SimpleNamespace(wishes=queue.SimpleQueue())
+    window._typed("L")
+    assert window.message == "drag turns the light as soon as it is baked"
+    window._dragged(None, 10, 0)
+    assert (window.camera.azimuth, window.baker.wishes.empty()) == (-4, True)
+    monkeypatch.setattr(window.scene, "set_radiosity", lambda radiosity, scale: None, raising=False)
+    window._take(View(SimpleNamespace(lights=(DirectionalLight((0, 0, 1)),)), None, 1.0))
+    assert window.message == "drag turns the light"
+    window._dragged(None, 20, 0)
+    assert window.camera.azimuth == -4
+    assert window.baker.wishes.get()[0].direction[2] < 1
 
 
 def test_overlay_grows_with_its_text_and_its_bar_with_progress():
