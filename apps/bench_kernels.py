@@ -39,7 +39,7 @@ from clsss.dipole import dipole
 from clsss.exchange import trace_exchange
 from clsss.fresnel import fresnel_A
 from clsss.layer import fitted_layer
-from clsss.lighting import Scene, light
+from clsss.lighting import Setup, light
 from clsss.montecarlo import estimate
 from clsss.multigrid import Multigrid
 from clsss.refinement import varies
@@ -120,9 +120,9 @@ def besides(device: Recorder, cells: int, name: str) -> None:
     mg = Multigrid(device, diffusion.make_operator(device, tree, sampled))
     layer, exchange = fitted_layer(device, tree, sampled), trace_exchange(tree, medium.eta)
     at_vertices = shares_at(device, tree, mesh.vertices, mesh.normals)
-    scene = Scene(device, mesh, tree, sampled, mg, layer, exchange, at_vertices, (), None, True, 1e-4, 0)
+    setup = Setup(device, mesh, tree, sampled, mg, layer, exchange, at_vertices, (), None, True, 1e-4, 0)
     sun = DirectionalLight((0.3, -1, 0.2))
-    light(scene, (sun,), None, defaultdict(float), lambda stage, share: None)
+    light(setup, (sun,), None, defaultdict(float), lambda stage, share: None)
     anderson = Anderson(device, Field(device, tree), mg.r, None)
     for _ in range(2):
         anderson.measure()

@@ -24,7 +24,7 @@ from clsss.comparison_picture import NEIGHBOURS, picture
 from clsss.demo import demo_mesh
 from clsss.errors import DeviceError, InputError
 from clsss.opengl import standalone_context
-from clsss.scene import Scene
+from clsss.renderer import Renderer
 from clsss.window import save_png
 
 if TYPE_CHECKING:
@@ -125,9 +125,9 @@ def filled(found: Comparison) -> Comparison:
     return replace(found, points=np.arange(len(ours)), truth=truth)
 
 
-def drawn(found: Comparison, scene: Scene, camera: Camera) -> np.ndarray:
+def drawn(found: Comparison, renderer: Renderer, camera: Camera) -> np.ndarray:
     """The picture of a comparison from one side."""
-    return picture(filled(found), scene, fitted(found.mesh.vertices, camera, PANEL[0] / PANEL[1]), PANEL)
+    return picture(filled(found), renderer, fitted(found.mesh.vertices, camera, PANEL[0] / PANEL[1]), PANEL)
 
 
 def rows(name: str, found: Comparison) -> list[str]:
@@ -149,14 +149,14 @@ def run(args: argparse.Namespace) -> list[str]:
     list of str
         A sentence for every bar that is missed.
     """
-    scene, missed = Scene(standalone_context()), []
+    renderer, missed = Renderer(standalone_context()), []
     args.out.mkdir(parents=True, exist_ok=True)
     print("| shape | method | rms | beyond noise | largest | bias | seconds |\n|---|---|---|---|---|---|---|")
     for name, case in cases(args.mesh).items():
         if args.only not in (None, name):
             continue
         found = compared(case, args.quick)
-        save_png(drawn(found, scene, case.camera), args.out / f"compare-{name}.png")
+        save_png(drawn(found, renderer, case.camera), args.out / f"compare-{name}.png")
         print("\n".join(rows(name, found)), flush=True)
         ours, dipole = (score.rms for score in found.scores)
         if not (ours < dipole and ours <= case.share * dipole):

@@ -25,7 +25,7 @@ from clsss.demo import demo_mesh
 from clsss.exposure import display_scale
 from clsss.mesh import contains
 from clsss.opengl import standalone_context
-from clsss.scene import Scene
+from clsss.renderer import Renderer
 
 SIZE, BAND = (420, 340), 30
 BACK = clsss.DirectionalLight((0.45, -0.35, 0.8), irradiance=1.0)
@@ -189,14 +189,14 @@ ROWS: list[Callable[[Baker], object]] = [
 ]  # fmt: skip
 
 
-def draw(baker: Baker, scene: Scene, panels: list[Panel]) -> Image.Image:
+def draw(baker: Baker, renderer: Renderer, panels: list[Panel]) -> Image.Image:
     """Panels side by side at the exposure of the brightest but for lone highlights."""
     scale = min(display_scale(baker.mesh, values, baker.camera.axes()[2]) for _, values in panels)
     sheet = Image.new("RGB", (SIZE[0] * len(panels), SIZE[1] + BAND), (24, 24, 24))
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(17)
     for column, (text, values) in enumerate(panels):
-        scene.set_radiosity(values, scale)
-        sheet.paste(Image.fromarray(scene.picture(SIZE, baker.camera)), (column * SIZE[0], BAND))
+        renderer.set_radiosity(values, scale)
+        sheet.paste(Image.fromarray(renderer.picture(SIZE, baker.camera)), (column * SIZE[0], BAND))
         pen.text((column * SIZE[0] + 12, 8), text, (220, 220, 220), font)
     return sheet
 
@@ -212,14 +212,14 @@ def main() -> None:
     resolution = 32 if args.quick else args.resolution
     dragon = Path(os.environ.get("CLSSS_SHARED", ""), "meshes", "dragon_201k_clean.ply")
     args.out.mkdir(parents=True, exist_ok=True)
-    scene = Scene(standalone_context())
+    renderer = Renderer(standalone_context())
     for row in ROWS:
         if row.__name__ == (args.only or ("sizes" if args.quick else row.__name__)):
             shown = args.mesh or (str(dragon) if row is anisotropy and dragon.exists() else None)
             baker = Baker(shown, resolution)
-            scene.set_mesh(baker.mesh)
+            renderer.set_mesh(baker.mesh)
             path = args.out / f"{row.__name__}.png"
-            draw(baker, scene, list(row(baker))).save(path, optimize=True)
+            draw(baker, renderer, list(row(baker))).save(path, optimize=True)
             print(f"{path}: {row.__doc__}", flush=True)
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import argparse
 
     from clsss.compare import Comparison
-    from clsss.scene import Scene
+    from clsss.renderer import Renderer
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -152,33 +152,33 @@ def compare(args: argparse.Namespace) -> None:
             raise InputError(f"{path}: its name must end in {suffix}")
     if args.save_scene:
         scenefile.check(args.save_scene)
-    scene = _scene() if args.picture else None
+    renderer = _renderer() if args.picture else None
     result = bake_with_bar(args)
     with progress_bar(args) as show:
         found = interruptible(lambda: compare_with(result, args.points, args.paths, args.seed, show))
     print(found.table())
-    if scene is not None:
-        _draw(args, found, scene)
+    if renderer is not None:
+        _draw(args, found, renderer)
     if args.json:
         write_atomically(args.json, (json.dumps(_comparison(found), indent=1) + "\n").encode())
     _finish(args, [args.picture, args.json])
 
 
-def _scene() -> Scene:
+def _renderer() -> Renderer:
     from clsss.opengl import standalone_context
-    from clsss.scene import Scene
+    from clsss.renderer import Renderer
 
-    return Scene(standalone_context())
+    return Renderer(standalone_context())
 
 
-def _draw(args: argparse.Namespace, found: Comparison, scene: Scene) -> None:
+def _draw(args: argparse.Namespace, found: Comparison, renderer: Renderer) -> None:
     from pathlib import Path
 
     from clsss.comparison_picture import picture
     from clsss.window import save_png, start_camera
 
     camera = start_camera(args, found.mesh, 1.0)
-    save_png(picture(found, scene, camera, exposure=args.exposure), Path(args.picture))
+    save_png(picture(found, renderer, camera, exposure=args.exposure), Path(args.picture))
 
 
 def _comparison(found: Comparison) -> dict[str, object]:

@@ -13,7 +13,7 @@ import numpy as np
 from clsss.camera import Camera
 from clsss.compare import Comparison
 from clsss.exposure import display_scale
-from clsss.scene import Scene
+from clsss.renderer import Renderer
 from clsss.srgb import srgb_decode
 
 RANGE = 0.3  # relative error at the ends of the colour bar
@@ -24,7 +24,11 @@ BAND = 34  # pixels for a line of text
 
 
 def picture(
-    comparison: Comparison, scene: Scene, camera: Camera, size: tuple[int, int] = (480, 480), exposure: float = 0.0
+    comparison: Comparison,
+    renderer: Renderer,
+    camera: Camera,
+    size: tuple[int, int] = (480, 480),
+    exposure: float = 0.0,
 ) -> np.ndarray:
     """Draw the comparison.
 
@@ -32,7 +36,7 @@ def picture(
     ----------
     comparison : Comparison
         From `clsss.compare.compare`.
-    scene : Scene
+    renderer : Renderer
         To draw with; it is left showing the last error map.
     camera : Camera
         Where from.
@@ -49,7 +53,7 @@ def picture(
     from PIL import Image, ImageDraw, ImageFont
 
     mesh, truth = comparison.mesh, interpolated(comparison)
-    scene.set_mesh(mesh)
+    renderer.set_mesh(mesh)
     names = list(comparison.radiosity)
     scale = display_scale(mesh, comparison.radiosity[names[0]])
     width, height = size
@@ -57,9 +61,9 @@ def picture(
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(16)
 
     def panel(column: int, row: int, text: str, values: np.ndarray, by: float, stops: float) -> None:
-        scene.set_radiosity(values, by)
+        renderer.set_radiosity(values, by)
         at = column * width, row * (height + BAND)
-        sheet.paste(Image.fromarray(scene.picture(size, camera, stops)), (at[0], at[1] + BAND))
+        sheet.paste(Image.fromarray(renderer.picture(size, camera, stops)), (at[0], at[1] + BAND))
         draw.text((at[0] + 12, at[1] + 8), text, TEXT, font)
 
     for column, (name, score) in enumerate(zip(names, comparison.scores, strict=True)):

@@ -11,7 +11,7 @@ from clsss.device import Buffer, Device
 from clsss.errors import InputError
 from clsss.lights import Emission
 from clsss.mesh import Mesh, contains
-from clsss.transport import Scene, Sources
+from clsss.transport import Sources, TracedScene
 from clsss.winding import winding_number
 
 PILOT = 20_000  # births that emission's share of the photons is judged by
@@ -95,7 +95,7 @@ class Launched:
     births: Callable[[int, np.random.Generator], tuple[int, Buffer, Buffer]]
 
 
-def launched(scene: Scene, sources: Sources, mesh: Mesh) -> Launched:
+def launched(scene: TracedScene, sources: Sources, mesh: Mesh) -> Launched:
     """Photons' weights, so that each light gets photons by the power it sends at the sphere about the object.
 
     Raises
@@ -134,7 +134,7 @@ def launched(scene: Scene, sources: Sources, mesh: Mesh) -> Launched:
 
 
 def _born(
-    scene: Scene, sources: Sources, mesh: Mesh, n: int, random: np.random.Generator
+    scene: TracedScene, sources: Sources, mesh: Mesh, n: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """`births` as the kernel takes them: places about the centre, powers (n, c) over each channel's scale."""
     place, power = births(mesh, sources.emission, n, random, scene.device)

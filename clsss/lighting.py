@@ -1,6 +1,6 @@
 """One set of lights on one object: source, solve, and what leaves the surface.
 
-`Scene` holds all that stays when the lights move; `light` does the rest, from the last solution where there is one.
+`Setup` holds all that stays when the lights move; `light` does the rest, from the last solution where there is one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Setup:
     """What does not change with the lights."""
 
     device: Device
@@ -97,13 +97,13 @@ class Solution:
     convergence: Convergence
 
 
-def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
+def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
           tell: Progress) -> Solution:  # fmt: skip
     """Light an object.
 
     Parameters
     ----------
-    scene : Scene
+    setup : Setup
     lights : tuple
         DirectionalLight, PointLight, EnvironmentLight or Emission.
     last : Solution, optional
@@ -117,50 +117,50 @@ def light(scene: Scene, lights: tuple[Any, ...], last: Solution | None, seconds:
     -------
     Solution
     """
-    device, octree, medium = scene.device, scene.octree, scene.medium
-    unit = light_unit(list(lights), scene.mesh.size)
+    device, octree, medium = setup.device, setup.octree, setup.medium
+    unit = light_unit(list(lights), setup.mesh.size)
     with timed("source", seconds, tell):
         source = make_source(
-            device, octree, medium, list(lights), unit, scene.shadows, lambda f: tell("source", f),
-            (scene.right_hand_side, scene.multigrid.e),
+            device, octree, medium, list(lights), unit, setup.shadows, lambda f: tell("source", f),
+            (setup.right_hand_side, setup.multigrid.e),
         )
     once, kept = None, np.zeros(3)
-    if scene.split:
+    if setup.split:
         with timed("single", seconds, tell):
-            once, kept, source = split(device, octree, medium, list(lights), unit, source, scene.shadows,
-                                       scene.tolerance, lambda f: tell("single", f))  # fmt: skip
-    with timed("exchange", seconds, lambda *_: None):  # of a scene's first lights; sources need the memory before
-        coupling = scene.coupling
+            once, kept, source = split(device, octree, medium, list(lights), unit, source, setup.shadows,
+                                       setup.tolerance, lambda f: tell("single", f))  # fmt: skip
+    with timed("exchange", seconds, lambda *_: None):  # of a setup's first lights; sources need the memory before
+        coupling = setup.coupling
     with timed("solve", seconds, tell):
-        scene.multigrid.residual.wall = source.wall
+        setup.multigrid.residual.wall = source.wall
         phi = Field(device, octree)
-        follower = Interreflection(coupling, scene.multigrid.residual, source, phi) if coupling else None
+        follower = Interreflection(coupling, setup.multigrid.residual, source, phi) if coupling else None
         if last is not None:
-            scene.multigrid.combine(last.unit / unit, last.phi, 0, phi)
+            setup.multigrid.combine(last.unit / unit, last.phi, 0, phi)
             if follower:
                 follower.start_from(last.leaving * (last.unit / unit))
-        convergence = scene.multigrid.solve(
-            source.b, phi, scene.tolerance, progress=lambda f: tell("solve", f), follower=follower,
+        convergence = setup.multigrid.solve(
+            source.b, phi, setup.tolerance, progress=lambda f: tell("solve", f), follower=follower,
             from_zero=last is None,
         )  # fmt: skip
         flux, entering = follower.surface(phi) if follower else (
-            boundary_flux(scene.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
+            boundary_flux(setup.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
     gain = entering_gain(medium.eta)
     exitance, fluence = flux + entering, 2 * medium.fresnel_A * flux + gain * (entering + kept)
     leaving = follower.leaving if follower else np.zeros((0, 3))
-    moment = source.moment.get()[:, :3] - gain * entering if scene.layer else None
+    moment = source.moment.get()[:, :3] - gain * entering if setup.layer else None
     deposit = Deposit(source.wall, source.deposited, source.incident, source.lost)
     return Solution(unit, phi, flux, exitance, fluence, once, leaving, moment, deposit, convergence)
 
 
-def interpolate(scene: Scene, solution: Solution, points: np.ndarray) -> np.ndarray:
+def interpolate(setup: Setup, solution: Solution, points: np.ndarray) -> np.ndarray:
     """Fluence (n, 3) at points (n, 3) [mm], linear about the centroids of the leaves that hold them; else NaN."""
-    octree, phi = scene.octree, solution.phi
-    scene.multigrid.residual.wall = solution.source.wall
-    scene.multigrid.residual.complete(phi)
+    octree, phi = setup.octree, solution.phi
+    setup.multigrid.residual.wall = solution.source.wall
+    setup.multigrid.residual.complete(phi)
     out = np.full((len(points), 3), np.nan)
     depth, index = octree.find(points)
-    slopes = scene.multigrid.residual.slope.get().astype(float)
+    slopes = setup.multigrid.residual.slope.get().astype(float)
     cut_index, centroids = octree.cut_index.get(), cell_points(octree)
     for k, level in enumerate(octree.levels):
         here = np.flatnonzero(depth == level.depth)

@@ -6,7 +6,7 @@ import numpy as np
 
 from clsss.device import Buffer
 from clsss.mesh import Mesh, RayCaster
-from clsss.transport import QUANTITIES, Scene, Sources, Walk, launches
+from clsss.transport import QUANTITIES, Sources, TracedScene, Walk, launches
 
 NEAR = 1e-3  # of the mesh's size: how far off the surface a point may lie
 INSET = 0.02  # of a triangle: how far points keep off its edges
@@ -57,13 +57,13 @@ def anchors(mesh: Mesh, points: np.ndarray, normals: np.ndarray | None) -> tuple
 
 
 def trace(
-    scene: Scene, sources: Sources, place: np.ndarray, triangle: np.ndarray, n_paths: int, walk: Walk
+    scene: TracedScene, sources: Sources, place: np.ndarray, triangle: np.ndarray, n_paths: int, walk: Walk
 ) -> tuple[dict[str, np.ndarray], tuple[float, float]]:
     """Means and standard errors (n, 3) of `QUANTITIES`, and the shares of paths lost and capped.
 
     Parameters
     ----------
-    scene : Scene
+    scene : TracedScene
         Surface and medium; its index of refraction is not looked at.
     sources : Sources
         The lights.
@@ -101,7 +101,7 @@ def trace(
     return results, (float(lost), float(capped))
 
 
-def _choice(scene: Scene, sources: Sources) -> tuple[Buffer, ...]:
+def _choice(scene: TracedScene, sources: Sources) -> tuple[Buffer, ...]:
     """Lights, their strengths over the chance to be chosen, and these chances summed up: about as they light."""
     far = np.linalg.norm(sources.place[:, :3] - scene.centre, axis=1)
     falloff = np.where(sources.lamps, np.maximum(far, scene.radius), 1)[:, None] ** 2

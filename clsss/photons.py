@@ -9,7 +9,7 @@ import numpy as np
 
 from clsss.launch import Launched
 from clsss.subdivision import areas, outward_normals, owners, subdivide
-from clsss.transport import QUANTITIES, Scene, Walk, launches
+from clsss.transport import QUANTITIES, TracedScene, Walk, launches
 
 BATCHES = 40  # the standard error comes from the scatter between batches
 TALLIES = ("incident", "reflected", "absorbed", "scattered", "unscattered", "lost", "capped")
@@ -49,13 +49,13 @@ def patches(triangles: np.ndarray, points: np.ndarray, normals: np.ndarray, radi
 
 
 def trace(
-    scene: Scene, lights: Launched, patches: Patches, n_photons: int, eta: float, walk: Walk
+    scene: TracedScene, lights: Launched, patches: Patches, n_photons: int, eta: float, walk: Walk
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Means and standard errors (n, 3) as of `clsss.paths.trace`, and where the power went, (3,) each [W].
 
     Parameters
     ----------
-    scene : Scene
+    scene : TracedScene
         Surface and medium.
     lights : Launched
         How photons start.
@@ -82,7 +82,7 @@ def trace(
 
 
 def _counted(
-    scene: Scene, lights: Launched, patches: Patches, n_photons: int, batches: int, eta: float, walk: Walk
+    scene: TracedScene, lights: Launched, patches: Patches, n_photons: int, batches: int, eta: float, walk: Walk
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sums over batches (3, 2, c, n) of scores per photon and of their squares, and of tallies (c, t)."""
     device, channels, n = scene.device, scene.n_channels, len(patches.area)

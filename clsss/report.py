@@ -11,22 +11,22 @@ import numpy as np
 
 from clsss import __version__
 from clsss.kept import kept
-from clsss.lighting import Scene, Solution
+from clsss.lighting import Setup, Solution
 from clsss.octree import Octree
 from clsss.validity import thin_shares
 
 
-def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
+def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
     """The report of a bake; `seconds` are those of its stages."""
-    tree, convergence = scene.octree, solution.convergence
-    absorbed = _absorbed(scene, solution)
+    tree, convergence = setup.octree, solution.convergence
+    absorbed = _absorbed(setup, solution)
     area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
     exited = area @ solution.flux
     return {
         "clsss": __version__,
-        "device": scene.device.name,
-        "precision": scene.device.precision,
-        "mesh": {key: scene.mesh.report[key] for key in ("faces", "vertices", "closed", "repairs", "size_mm")},
+        "device": setup.device.name,
+        "precision": setup.device.precision,
+        "mesh": {key: setup.mesh.report[key] for key in ("faces", "vertices", "closed", "repairs", "size_mm")},
         "octree": {
             "levels": len(tree.levels),
             "cells": tree.n_cells,
@@ -43,8 +43,8 @@ def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict
             "factor": convergence.factor,
         },
         "exchange": {
-            "patches": 0 if scene.exchange is None else scene.exchange.share.shape[0],
-            "rays": 0 if scene.exchange is None else scene.exchange.rays,
+            "patches": 0 if setup.exchange is None else setup.exchange.share.shape[0],
+            "rays": 0 if setup.exchange is None else setup.exchange.rays,
         },
         "energy": {
             "incident_W": solution.source.incident.tolist(),
@@ -54,7 +54,7 @@ def account(scene: Scene, solution: Solution, seconds: dict[str, float]) -> dict
         },
         "seconds": {key.replace(" ", ""): round(value, 4) for key, value in seconds.items()},
         "memory_mb": {
-            "device": (scene.device.peak - scene.bytes_before) / 2**20,
+            "device": (setup.device.peak - setup.bytes_before) / 2**20,
             "peak_rss": _peak_rss_mb(),
         },
     }
@@ -66,9 +66,9 @@ def _leaf_volumes(tree: Octree) -> list[np.ndarray]:
     return [volume * level.leaf for level, volume in zip(tree.levels, tree.volumes(), strict=True)]
 
 
-def _absorbed(scene: Scene, solution: Solution) -> np.ndarray:
+def _absorbed(setup: Setup, solution: Solution) -> np.ndarray:
     """Power absorbed (3,), in multiples of `unit`: by the cells, and in a fitted layer on the way from and to them."""
-    tree, medium, layer = scene.octree, scene.medium, scene.layer
+    tree, medium, layer = setup.octree, setup.medium, setup.layer
     absorbed = solution.source.lost / solution.unit
     for level, x, volume, sigma_a in zip(tree.levels, solution.phi, _leaf_volumes(tree), medium.sigma_a, strict=True):
         values, rate = x.get()[: level.n, :3].astype(float), np.ones(3)

@@ -22,7 +22,7 @@ from clsss.exchange import leaving_shape, trace_exchange
 from clsss.fresnel import fresnel_A
 from clsss.inner import Inner, in_wide_cells, within
 from clsss.layer import fitted_layer
-from clsss.lighting import Progress, Scene, Solution, interpolate, light, timed
+from clsss.lighting import Progress, Setup, Solution, interpolate, light, timed
 from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
 from clsss.multigrid import Multigrid
 from clsss.refinement import varies
@@ -73,13 +73,13 @@ class Result:
     vertex_fluence: np.ndarray
     report: dict[str, Any]
     vertex_radiosity_single: np.ndarray | None
-    _scene: Scene = field(repr=False)
+    _setup: Setup = field(repr=False)
     _solution: Solution = field(repr=False)
 
     @property
     def blockers(self) -> tuple[Mesh, ...]:
         """The opaque bodies that were given."""
-        return self._scene.blockers
+        return self._setup.blockers
 
     @_in_turn
     def radiosity(self, points: Any) -> np.ndarray:
@@ -102,13 +102,13 @@ class Result:
 
     def _at(self, points: np.ndarray, field: np.ndarray) -> np.ndarray:
         """A field of the cut cells at points on or near the surface."""
-        shares = shares_at(self._scene.device, self._scene.octree, points)
+        shares = shares_at(self._setup.device, self._setup.octree, points)
         return _at_surface(shares, self._solution.unit, field)[0]
 
     @cached_property
     def _once(self) -> SingleScattering:
-        scene, lights = self._scene, list(self.lights)
-        return SingleScattering(scene.device, scene.octree, scene.medium, lights, self._solution.unit, scene.shadows)
+        setup, lights = self._setup, list(self.lights)
+        return SingleScattering(setup.device, setup.octree, setup.medium, lights, self._solution.unit, setup.shadows)
 
     @_in_turn
     def radiance(self, eye: Any, depths: int = DEPTHS, least_cosine: float = 0.0) -> np.ndarray:
@@ -132,7 +132,7 @@ class Result:
         (v, 3) float64
             [W/mm^2/sr].
         """
-        scene, solution, mesh = self._scene, self._solution, self.mesh
+        setup, solution, mesh = self._setup, self._solution, self.mesh
         away = checked_points([eye])[0] - mesh.vertices
         out = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
         mu = (out * mesh.normals).sum(axis=1)
@@ -142,8 +142,8 @@ class Result:
         out[low] = side + least_cosine * mesh.normals[low]
         mu = np.clip(mu, least_cosine, 1)
         single = 0.0 if self.vertex_radiosity_single is None else self.vertex_radiosity_single
-        diffuse = (self.vertex_radiosity - single) / np.pi * leaving_shape(mu, scene.medium.eta)[:, None]
-        if not scene.split:
+        diffuse = (self.vertex_radiosity - single) / np.pi * leaving_shape(mu, setup.medium.eta)[:, None]
+        if not setup.split:
             return diffuse
         return diffuse + self._once.radiance(mesh.vertices, mesh.normals, out, depths) * solution.unit
 
@@ -153,7 +153,7 @@ class Result:
         points = checked_points(points)
         out = np.full((len(points), 3), np.nan)
         inside = contains(self.mesh, points)
-        out[inside] = interpolate(self._scene, self._solution, points[inside])
+        out[inside] = interpolate(self._setup, self._solution, points[inside])
         return out
 
     @_in_turn
@@ -163,11 +163,11 @@ class Result:
         Lights inside the object need fine cells around them; where the octree has none it warns, and `simulate` does.
         """
         start, found = perf_counter(), checked_lights(lights)
-        if in_wide_cells(self._scene.octree, found):
+        if in_wide_cells(self._setup.octree, found):
             text = "lights inside the object where its cells are wide, as they were made for others: simulate it again"
             warnings.warn(text, UserWarning, stacklevel=2)
         seconds = {"load": 0.0, **dict.fromkeys(STAGES, 0.0)}
-        return _bake(self._scene, self.medium, found, self._solution, seconds, start, _reporter(progress))
+        return _bake(self._setup, self.medium, found, self._solution, seconds, start, _reporter(progress))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save by suffix: .glb .ply .obj .npz .vtu; written to a temporary name, then moved."""
@@ -262,27 +262,27 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         coupling = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
     with timed("surface", seconds, _reporter(None)):  # the device holds less now than when it has solved
         at_vertices = shares_at(dev, tree, mesh.vertices, mesh.normals)
-    scene = Scene(dev, mesh, tree, coefficients, multigrid, layer, coupling, at_vertices, tuple(blockers), shadows,
+    setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, coupling, at_vertices, tuple(blockers), shadows,
                   scattering == "split", tolerance, before)  # fmt: skip
-    return _bake(scene, medium, lights, None, seconds, start, tell)
+    return _bake(setup, medium, lights, None, seconds, start, tell)
 
 
-def _bake(scene: Scene, medium: Any, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
+def _bake(setup: Setup, medium: Any, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
           start: float, tell: Progress) -> Result:  # fmt: skip
-    """Light the scene, and carry what leaves it to the vertices."""
-    solution = light(scene, lights, last, seconds, tell)
-    mesh = scene.mesh
+    """Light the object, and carry what leaves it to the vertices."""
+    solution = light(setup, lights, last, seconds, tell)
+    mesh = setup.mesh
     with timed("surface", seconds, tell):
         fields = [field for field in (solution.exitance, solution.fluence, solution.once) if field is not None]
-        radiosity, fluence, *once = _at_surface(scene.at_vertices, solution.unit, *fields)
+        radiosity, fluence, *once = _at_surface(setup.at_vertices, solution.unit, *fields)
         single = np.minimum(once[0], radiosity) if once else None
     seconds["total"] = seconds["load"] + perf_counter() - start
     if not solution.convergence.converged:
         worst = float(solution.convergence.residuals[-1].max())
-        advice = "use double precision" if scene.device.precision == "single" else "allow a larger tolerance"
+        advice = "use double precision" if setup.device.precision == "single" else "allow a larger tolerance"
         text = f"the solve stopped after {solution.convergence.cycles} cycles at a residual of {worst:.1e}, short of "
-        warnings.warn(text + f"the tolerance {scene.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=4)
-    return Result(mesh, medium, lights, radiosity, fluence, account(scene, solution, seconds), single, scene, solution)
+        warnings.warn(text + f"the tolerance {setup.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=4)
+    return Result(mesh, medium, lights, radiosity, fluence, account(setup, solution, seconds), single, setup, solution)
 
 
 def _at_surface(shares: sparse.csr_matrix, unit: float, *fields: np.ndarray) -> list[np.ndarray]:

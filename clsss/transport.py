@@ -91,8 +91,8 @@ class Walk:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """What both kernels share.
+class TracedScene:
+    """What paths and photons are traced in.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class Scene:
 
 def make_scene(
     triangles: np.ndarray, medium: Medium, sources: Sources, device: Device, opaque: np.ndarray | None = None
-) -> Scene:
+) -> TracedScene:
     """Build the tree of boxes, sample the medium, copy both to the device; `opaque` (k, 3, 3) absorbs all light."""
     n, low, high = len(triangles), triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     values, spacing = _sampled(medium, low, high)
@@ -188,7 +188,7 @@ def make_scene(
     chosen, channel = _alike(np.concatenate([values.reshape(3, -1), relative.T, tints], axis=1))
     values, relative = values[chosen], relative[:, chosen]
     size_z, size_y, size_x = values.shape[1:4]
-    return Scene(
+    return TracedScene(
         device=device,
         centre=centre,
         half=(high - low) / 2,

@@ -67,21 +67,21 @@ def screenshot(args: argparse.Namespace) -> None:
     from clsss.export import check_writable
     from clsss.exposure import display_scale
     from clsss.opengl import standalone_context
+    from clsss.renderer import Renderer
     from clsss.request import eye_from
-    from clsss.scene import Scene
     from clsss.window import save_png, start_camera
 
     path = check_writable(args.screenshot)
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: pictures are saved as .png")
-    scene = Scene(standalone_context())
+    renderer = Renderer(standalone_context())
     result = bake_with_bar(args)
-    scene.set_mesh(result.mesh)
+    renderer.set_mesh(result.mesh)
     width, height = args.window_size
     camera = start_camera(args, result.mesh, width / height)
     radiosity = seen_from(result, camera.eye)
-    scene.set_radiosity(radiosity, display_scale(result.mesh, radiosity, eye_from(args)))
-    save_png(scene.picture((width, height), camera, args.exposure), path)
+    renderer.set_radiosity(radiosity, display_scale(result.mesh, radiosity, eye_from(args)))
+    save_png(renderer.picture((width, height), camera, args.exposure), path)
     if not args.quiet:
         print(f"saved {path}", file=sys.stderr)
 

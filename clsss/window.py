@@ -18,7 +18,7 @@ from clsss.grammar import LightOption
 from clsss.opengl import open_window
 from clsss.options import WINDOW_HELP, default_lights
 from clsss.overlay import panel
-from clsss.scene import Scene
+from clsss.renderer import Renderer
 
 if TYPE_CHECKING:
     from clsss.lights import Light
@@ -53,7 +53,7 @@ class Window:
 
         self.args, self.name = args, Path(args.mesh).stem
         self.window, context = open_window(args.window_size, f"clsss – {self.name}")
-        self.screen, self.scene = context.detect_framebuffer(), Scene(context)
+        self.screen, self.renderer = context.detect_framebuffer(), Renderer(context)
         self.baker = Baker(args, glfw.post_empty_event)
         self.camera: Camera | None = None
         self.view: View | None = None
@@ -85,11 +85,11 @@ class Window:
         """The options that show what the window shows: its camera, exposure and lights in them."""
         args = argparse.Namespace(**vars(self.args))
         args.exposure = self.exposure
-        if self.camera is not None and self.scene.mesh is not None:
+        if self.camera is not None and self.renderer.mesh is not None:
             width, height = self._size()
             angles = round(self.camera.azimuth, 2), round(self.camera.elevation, 2)
             args.camera = (*angles, 1.0)
-            args.camera = (*angles, *moved(self.camera, start_camera(args, self.scene.mesh, width / height)))
+            args.camera = (*angles, *moved(self.camera, start_camera(args, self.renderer.mesh, width / height)))
         if self.turned:
             options = args.lights or default_lights(args.up)
             args.lights = [as_option(*pair) for pair in zip(options, self.lights, strict=True)]
@@ -99,22 +99,22 @@ class Window:
         if isinstance(event, BaseException):
             raise event
         if self.camera is None:
-            self.scene.set_mesh(event)
+            self.renderer.set_mesh(event)
             self._reset()
             return
         if self.view is None:
             self.lights = list(event.result.lights)
             self._say("drag turns the light" if self.moves_light else "press H for help")
         self.view = event
-        self.scene.set_radiosity(event.radiosity, event.scale)
+        self.renderer.set_radiosity(event.radiosity, event.scale)
 
     def _say(self, message: str) -> None:
         self.message, self.message_ends = message, time.monotonic() + MESSAGE_SECONDS
 
     def _reset(self) -> None:
         width, height = self._size()
-        assert self.scene.mesh is not None
-        self.camera = start_camera(self.args, self.scene.mesh, width / height)
+        assert self.renderer.mesh is not None
+        self.camera = start_camera(self.args, self.renderer.mesh, width / height)
         self.exposure = self.args.exposure
 
     def _look(self) -> None:
@@ -144,7 +144,7 @@ class Window:
             self._size(),
             self.camera,
             self.exposure,
-            self.scene.scale,
+            self.renderer.scale,
             self.view,
             words,
             self.shows_help,
@@ -153,9 +153,9 @@ class Window:
             return
         lines = [*(WINDOW_HELP if self.shows_help else ()), *words]
         density = glfw.get_window_content_scale(self.window)[0]
-        self.scene.set_overlay(panel(lines, density, doing and doing[1]) if lines else None)
+        self.renderer.set_overlay(panel(lines, density, doing and doing[1]) if lines else None)
         glfw.set_window_title(self.window, " – ".join(filter(None, ("clsss", self.name, stage))))
-        self.scene.draw(self.screen, self._size(), self.camera, self.exposure)
+        self.renderer.draw(self.screen, self._size(), self.camera, self.exposure)
         glfw.swap_buffers(self.window)
         self._shown = state
 
@@ -189,9 +189,9 @@ class Window:
         number = 1
         while (path := Path(f"clsss-{self.name}-{number}.png")).exists():
             number += 1
-        self.scene.set_overlay(None)
+        self.renderer.set_overlay(None)
         try:
-            save_png(self.scene.picture(self._size(), self.camera, self.exposure), check_writable(path))
+            save_png(self.renderer.picture(self._size(), self.camera, self.exposure), check_writable(path))
             self._say(f"saved {path}")
         except ValueError as error:
             self._say(str(error))
@@ -222,10 +222,10 @@ class Window:
 
     def _turn_lights(self, across: float, down: float) -> None:
         assert self.camera is not None
-        assert self.scene.mesh is not None
+        assert self.renderer.mesh is not None
         right, over, _ = self.camera.axes()
         turn = rotation(right, down) @ rotation(over, across)
-        self.lights = [turned(light, turn, self.scene.mesh.bounds.mean(axis=0)) for light in self.lights]
+        self.lights = [turned(light, turn, self.renderer.mesh.bounds.mean(axis=0)) for light in self.lights]
         self.turned = True
         self.baker.wishes.put(self.lights)
 

@@ -126,14 +126,14 @@ def test_colours_are_white_at_zero_and_stop_at_the_range():
 
 def test_picture_shows_all_panels():
     from clsss.opengl import standalone_context
-    from clsss.scene import Scene
+    from clsss.renderer import Renderer
 
     try:
-        scene = Scene(standalone_context())
+        renderer = Renderer(standalone_context())
     except DeviceError as error:
         pytest.skip(str(error))
     camera = fitted(ball().vertices, Camera(np.zeros(3), 1.0, -25.0, 12.0, "y"), 1.0)
-    image = picture(made_up(), scene, camera, (120, 120))
+    image = picture(made_up(), renderer, camera, (120, 120))
     assert image.shape == (308, 360, 3)
     middle = {
         (row, column): image[34 + 60 + 154 * row, 60 + 120 * column].astype(int)

@@ -102,8 +102,8 @@ def test_a_blocker_keeps_the_light_from_being_scattered_once():
     np.testing.assert_allclose(shaded.radiosity_single(lit), plain.radiosity_single(lit), rtol=2e-3)
     assert shaded.radiosity_single(dark).max() <= 1e-3 * plain.radiosity_single(dark).min()
     sideways, inside = DirectionalLight((1, 0, 0)), RayCaster(corners[[[0, 1, 2], [0, 2, 3]]] - [0, 0, 3.0])
-    scene, up = plain._scene, np.tile([0, 0, 1.0], (9, 1))
-    given = scene.device, scene.octree, scene.medium, [sideways], 1.0
+    setup, up = plain._setup, np.tile([0, 0, 1.0], (9, 1))
+    given = setup.device, setup.octree, setup.medium, [sideways], 1.0
     through, cut = (SingleScattering(*given, b).radiance(dark, up, up) for b in (None, inside))
     np.testing.assert_allclose(cut / through, 1 - np.exp(-1.0), rtol=0.05)
 

@@ -26,13 +26,13 @@ LOOKING = SimpleNamespace(camera=(0, 0, 1), up="y")
 
 
 @pytest.fixture(scope="module")
-def scene():
+def renderer():
     pytest.importorskip("moderngl")
     from clsss.opengl import standalone_context
-    from clsss.scene import Scene
+    from clsss.renderer import Renderer
 
     try:
-        return Scene(standalone_context())
+        return Renderer(standalone_context())
     except DeviceError as error:
         pytest.skip(str(error))
 
@@ -52,53 +52,53 @@ def front(mesh):
     return fitted(mesh.vertices, Camera(np.zeros(3), 1.0, 0, 0), SIZE[0] / SIZE[1])
 
 
-def test_background_alone(scene):
-    picture = scene.picture(SIZE, None)
+def test_background_alone(renderer):
+    picture = renderer.picture(SIZE, None)
     assert picture.shape == (SIZE[1], SIZE[0], 3)
     assert picture.min() > 10
     assert picture.max() < 80
 
 
-def test_grey_before_the_bake(scene, square):
-    scene.set_mesh(square)
-    middle = scene.picture(SIZE, front(square))[45, 80].astype(int)
+def test_grey_before_the_bake(renderer, square):
+    renderer.set_mesh(square)
+    middle = renderer.picture(SIZE, front(square))[45, 80].astype(int)
     assert np.ptp(middle) <= 1
     assert middle[0] > 120
 
 
 @pytest.mark.parametrize("exposure", [0, -2])
-def test_pixels_are_the_radiosity(scene, square, exposure):
+def test_pixels_are_the_radiosity(renderer, square, exposure):
     radiosity, scale = np.array([0.05, 0.2, 0.35]), 2.0
-    scene.set_mesh(square)
-    scene.set_radiosity(np.tile(radiosity, (4, 1)), scale)
-    picture = scene.picture(SIZE, front(square), exposure).astype(int)
+    renderer.set_mesh(square)
+    renderer.set_radiosity(np.tile(radiosity, (4, 1)), scale)
+    picture = renderer.picture(SIZE, front(square), exposure).astype(int)
     expected = 255 * srgb_encode(radiosity * scale * 2.0**exposure)
     assert np.abs(picture[30:60, 60:100] - expected).max() <= 1
     assert picture[2, 2].max() < 80  # background in the corner
 
 
-def test_radiosity_is_linear_across_triangles(scene, square):
-    scene.set_mesh(square)
-    scene.set_radiosity(np.where(square.vertices[:, :1] > 0, 0.6, 0.2) * np.ones(3), 1.0)
-    picture = scene.picture(SIZE, front(square)).astype(int)
+def test_radiosity_is_linear_across_triangles(renderer, square):
+    renderer.set_mesh(square)
+    renderer.set_radiosity(np.where(square.vertices[:, :1] > 0, 0.6, 0.2) * np.ones(3), 1.0)
+    picture = renderer.picture(SIZE, front(square)).astype(int)
     assert np.abs(picture[20:70, 79:81] - 255 * srgb_encode(np.float64(0.4))).max() <= 2
     assert np.all(np.diff(picture[45, 50:110, 0]) >= -1)
 
 
-def test_highlights_keep_their_hue_and_never_clip(scene, square):
-    scene.set_mesh(square)
+def test_highlights_keep_their_hue_and_never_clip(renderer, square):
+    renderer.set_mesh(square)
     values = []
     for strength in (1, 2, 4, 8):
-        scene.set_radiosity(np.tile([strength, strength / 2, strength / 4], (4, 1)), 1.0)
-        values.append(scene.picture(SIZE, front(square))[45, 80].astype(int))
+        renderer.set_radiosity(np.tile([strength, strength / 2, strength / 4], (4, 1)), 1.0)
+        values.append(renderer.picture(SIZE, front(square))[45, 80].astype(int))
     assert all(r > g > b for r, g, b in values)
     assert all(a[2] < b[2] for a, b in itertools.pairwise(values))
 
 
-def test_nan_is_black(scene, square):
-    scene.set_mesh(square)
-    scene.set_radiosity(np.full((4, 3), np.nan), 1.0)
-    assert scene.picture(SIZE, front(square))[45, 80].max() <= 1
+def test_nan_is_black(renderer, square):
+    renderer.set_mesh(square)
+    renderer.set_radiosity(np.full((4, 3), np.nan), 1.0)
+    assert renderer.picture(SIZE, front(square))[45, 80].max() <= 1
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
@@ -235,13 +235,13 @@ def test_screenshot_of_the_demonstration_mesh(tmp_path):
         assert np.asarray(picture).max() > 120
 
 
-def test_far_from_the_origin_the_picture_is_the_same(scene, square):
+def test_far_from_the_origin_the_picture_is_the_same(renderer, square):
     pictures = []
     for offset in (0.0, 1e7):
         moved = SimpleNamespace(**{**vars(square), "vertices": square.vertices + offset})
-        scene.set_mesh(moved)
-        scene.set_radiosity(np.where(square.vertices[:, :1] > 0, 0.6, 0.2) * np.ones(3), 1.0)
-        pictures.append(scene.picture(SIZE, front(moved)).astype(int))
+        renderer.set_mesh(moved)
+        renderer.set_radiosity(np.where(square.vertices[:, :1] > 0, 0.6, 0.2) * np.ones(3), 1.0)
+        pictures.append(renderer.picture(SIZE, front(moved)).astype(int))
     assert np.abs(pictures[1] - pictures[0]).max() <= 1
 
 

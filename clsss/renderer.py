@@ -87,7 +87,7 @@ void main() {
 """
 
 
-class Scene:
+class Renderer:
     """What is drawn, and the OpenGL objects that draw it.
 
     Parameters
