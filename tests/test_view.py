@@ -153,13 +153,13 @@ def test_the_light_can_be_asked_for_while_the_first_bake_runs(monkeypatch):
     window._typed("L")
     assert (window.message, window.moves_light) == ("light from all around cannot be turned", False)
     window.args.lights.append(grammar.light("directional:0,0,1"))
-    window.scene = SimpleNamespace(mesh=SimpleNamespace(bounds=np.array([[-1.0] * 3, [1.0] * 3])))
+    window.renderer = SimpleNamespace(mesh=SimpleNamespace(bounds=np.array([[-1.0] * 3, [1.0] * 3])))
     window.lights, window.baker = [], SimpleNamespace(wishes=queue.SimpleQueue())
     window._typed("L")
     assert window.message == "drag turns the light as soon as it is baked"
     window._dragged(None, 10, 0)
     assert (window.camera.azimuth, window.baker.wishes.empty()) == (-4, True)
-    monkeypatch.setattr(window.scene, "set_radiosity", lambda radiosity, scale: None, raising=False)
+    monkeypatch.setattr(window.renderer, "set_radiosity", lambda radiosity, scale: None, raising=False)
     window._take(View(SimpleNamespace(lights=(DirectionalLight((0, 0, 1)),)), None, 1.0))
     assert window.message == "drag turns the light"
     window._dragged(None, 20, 0)
