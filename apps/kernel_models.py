@@ -32,27 +32,27 @@ def _outflow(a: Arguments, x: np.ndarray, open_face: np.ndarray | float = 1.0) -
     nbr, T = a["nbr"], _per_face(a)
     own = x[: len(nbr)]
     flux = T * (x[nbr] - own[:, None]) * open_face
-    return a["b"][: len(nbr)] - _absorb(a) * own + flux.sum(axis=1)
+    return a["b"][: len(nbr), SPARE] - _absorb(a) * own + flux.sum(axis=1)
 
 
 def smooth(a: Arguments) -> Arguments:
     x, rows = a["x"].copy(), slice(a["first"], a["first"] + a["n"])
     T = _per_face(a)[rows]
-    relaxed = (a["b"][rows] + (T * x[a["nbr"][rows]]).sum(axis=1)) / (_absorb(a)[rows] + T.sum(axis=1))
+    relaxed = (a["b"][rows][:, SPARE] + (T * x[a["nbr"][rows]]).sum(axis=1)) / (_absorb(a)[rows] + T.sum(axis=1))
     x[rows] += a["omega"] * (relaxed - x[rows])
     return {"x": x}
 
 
 def residual(a: Arguments) -> Arguments:
     r = a["r"].copy()
-    r[: a["n"]] = _outflow(a, a["x"])
+    r[: a["n"]] = _outflow(a, a["x"])[:, :3]
     return {"r": r}
 
 
 def residual_of_leaves(a: Arguments) -> Arguments:
     n, leaf, r = a["n"], a["is_leaf"].astype(bool), a["r"].copy()
     open_face = np.append(leaf, np.ones(len(a["x"]) - n, bool))[a["nbr"]]
-    r[:n] = _outflow(a, a["x"], open_face[..., None]) * leaf[:, None]
+    r[:n] = _outflow(a, a["x"], open_face[..., None])[:, :3] * leaf[:, None]
     return {"r": r}
 
 
@@ -61,7 +61,7 @@ def reflux(a: Arguments) -> Arguments:
     T = _per_face(a, "T_fine")
     ghosts = a["n_fine"] + np.arange(len(face))
     flux = T[face // 6, face % 6] * (a["x_fine"][face // 6] - a["x_fine"][ghosts])
-    r[a["interface"]] += np.add.reduceat(flux, a["interface_start"][:-1])
+    r[a["interface"]] += np.add.reduceat(flux, a["interface_start"][:-1])[:, :3]
     return {"r": r}
 
 
@@ -74,7 +74,7 @@ def _children(a: Arguments, values: np.ndarray, octants: Any = slice(None)) -> n
 
 def smooth_from_zero(a: Arguments) -> Arguments:
     x, rows = a["x"].copy(), slice(a["first"], a["first"] + a["n"])
-    x[rows] = a["omega"] * a["b"][rows] / (_absorb(a)[rows] + _per_face(a)[rows].sum(axis=1))
+    x[rows] = a["omega"] * a["b"][rows][:, SPARE] / (_absorb(a)[rows] + _per_face(a)[rows].sum(axis=1))
     return {"x": x}
 
 
@@ -86,7 +86,7 @@ def leave_residual(a: Arguments) -> Arguments:
 
 def restrict_residual(a: Arguments) -> Arguments:
     out = a["b_coarse"].copy()
-    out[a["covered"]] = _children(a, a["residual"], [0, 3, 5, 6])
+    out[a["covered"]] = _children(a, a["residual"], [0, 3, 5, 6])[:, :3]
     return {"b_coarse": out}
 
 
@@ -122,7 +122,7 @@ def combine(a: Arguments) -> Arguments:
 
 
 def _partial_sums(a: Arguments, terms: np.ndarray) -> Arguments:
-    padded = np.concatenate([terms, np.zeros((-a["n"] % TILE, 4))])
+    padded = np.concatenate([terms[:, SPARE], np.zeros((-a["n"] % TILE, 4))])
     return {"partial": padded.reshape(len(a["partial"]), TILE, 4).sum(axis=1)}
 
 
@@ -136,7 +136,7 @@ def total(a: Arguments) -> Arguments:
 
 def solve_coarsest(a: Arguments) -> Arguments:
     x, n = a["x"].copy(), a["n"]
-    x[:n] = np.einsum("ijc,jc->ic", a["inverse"], a["b"][:n])
+    x[:n] = np.einsum("ijc,jc->ic", a["inverse"], a["b"][:n, SPARE])
     return {"x": x}
 
 

@@ -11,7 +11,7 @@ import problems
 
 from clsss import Emission, Mesh, cutcell, diffusion, octree, source
 from clsss.device import Device
-from clsss.diffusion import Field
+from clsss.diffusion import Field, Load, PerLevel
 from clsss.fresnel import fresnel_A
 from clsss.multigrid import Convergence, Multigrid
 from clsss.refinement import varies
@@ -49,7 +49,7 @@ class Bench:
 class TwoPoint(Residual):
     """Residual of the symmetric part that multigrid inverts: no gradients, ghosts are plain copies."""
 
-    def __call__(self, phi: Field, b: Field, r: Field) -> None:
+    def __call__(self, phi: Field, b: Load, r: Load) -> None:
         """Overwrite `r` with b - A x on the leaves."""
         run, op, levels = self.device.run, self.op, self.op.octree.levels
         for coarse, x, fine in zip(levels[-2::-1], phi[-2::-1], phi[:0:-1], strict=True):
@@ -67,17 +67,15 @@ class TwoPoint(Residual):
                 op.T[k + 1].row, op.T[k + 1].values, phi[k + 1], r[k])  # fmt: skip
 
 
-def on_leaves(mg: Multigrid, values: Callable[[int], np.ndarray]) -> Field:
-    """A field of values(level) (n, 3) on the leaves."""
-    out = Field(mg.device, mg.op.octree)
+def fill_leaves(mg: Multigrid, out: PerLevel, values: Callable[[int], np.ndarray]) -> None:
+    """Set a field to values(level) (n, 3) on the leaves."""
     for k, (level, x) in enumerate(zip(mg.op.octree.levels, out, strict=True)):
         host = np.zeros(x.shape)
         host[: level.n, :3] = values(k) * level.leaf[:, None]
         x.set(host)
-    return out
 
 
-def plain_cycles(mg: Multigrid, residual: Residual, b: Field, phi: Field, cycles: int, sweeps: int | None = None,
+def plain_cycles(mg: Multigrid, residual: Residual, b: Load, phi: Field, cycles: int, sweeps: int | None = None,
                  tolerance: float = 0.0) -> np.ndarray:  # fmt: skip
     """Residual norms (up to cycles + 1, 3) of e <- V(r) without acceleration, from the start to the tolerance.
 
@@ -98,15 +96,17 @@ def plain_cycles(mg: Multigrid, residual: Residual, b: Field, phi: Field, cycles
 def rate(mg: Multigrid, residual: Residual, sweeps: int | None = None, cycles: int = 20) -> np.ndarray:
     """Asymptotic residual reduction (3,) per cycle, from a random start with b = 0."""
     rng, levels = np.random.default_rng(0), mg.op.octree.levels
-    phi = on_leaves(mg, lambda k: rng.uniform(-1, 1, (levels[k].n, 3)))
-    norms = plain_cycles(mg, residual, Field(mg.device, mg.op.octree), phi, cycles, sweeps)
+    phi = Field(mg.device, mg.op.octree)
+    fill_leaves(mg, phi, lambda k: rng.uniform(-1, 1, (levels[k].n, 3)))
+    norms = plain_cycles(mg, residual, Load(mg.device, mg.op.octree), phi, cycles, sweeps)
     return (norms[-1] / norms[-1 - LAST]) ** (1 / LAST)
 
 
 def cycles_needed(mg: Multigrid, tolerance: float = 1e-8) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (cycles + 1,) of the worst channel for q0 = 1: of plain cycles, and of `Multigrid.solve`."""
     volumes = mg.op.octree.volumes()
-    b = on_leaves(mg, lambda k: np.repeat(volumes[k][:, None], 3, axis=1))
+    b = Load(mg.device, mg.op.octree)
+    fill_leaves(mg, b, lambda k: np.repeat(volumes[k][:, None], 3, axis=1))
     plain = plain_cycles(mg, mg.residual, b, Field(mg.device, mg.op.octree), 80, tolerance=tolerance)
     solved = mg.solve(b, Field(mg.device, mg.op.octree), tolerance, max_cycles=80)
     assert solved.converged, solved.residuals[-1]

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, channels
+from clsss.diffusion import CHANNELS, Field, Load, channels
 from clsss.sums import GROUP, inner_product, sum_of_parts, tiles
 
 DEPTH = 3  # cycles that are looked back on, as in kernels/anderson.cl
@@ -29,7 +29,7 @@ class Coupling(Protocol):
 
     level: int  # that it is solved together with
 
-    def respond(self, solve: Callable[[int | None], None], r: Field, e: Field) -> None:
+    def respond(self, solve: Callable[[int | None], None], r: Load, e: Field) -> None:
         """Enqueue the solve of that level, of which `solve` is a V-cycle of some number of sweeps (None: the usual)."""
 
     def let_in(self, k: int, r: Buffer) -> None:
@@ -50,7 +50,7 @@ class Follower(Protocol):
     def moved(self) -> float:
         """How far that moved it, relative to its size."""
 
-    def adjust(self, residual: Field) -> None:
+    def adjust(self, residual: Load) -> None:
         """Enqueue to add the part of the right-hand side that the last update found to a residual."""
 
     def hold(self, phi: Field) -> None:
@@ -66,17 +66,19 @@ class Anderson:
     Parameters
     ----------
     device : Device
-    phi, residual : Field
-        Solution, and its residual where `measure` is called.
+    phi : Field
+        Solution.
+    residual : Load
+        Its residual where `measure` is called.
     follower : Follower, optional
     """
 
-    def __init__(self, device: Device, phi: Field, residual: Field, follower: Follower | None):
+    def __init__(self, device: Device, phi: Field, residual: Load, follower: Follower | None):
         self.device, self.phi, self.residual, self.follower = device, phi, residual, follower
-        self._n = phi.whole.shape[0]
+        self._n, self._n_cells = phi.whole.shape[0], residual.whole.shape[0]
         # what each of the last cycles changed: the solution, its residual, the follower's state
         self._steps = [device.zeros((self._n, 3)) for _ in range(DEPTH)]
-        self._changes = [device.zeros((self._n, 3), np.uint16) for _ in range(DEPTH)]
+        self._changes = [device.zeros((self._n_cells, 3), np.uint16) for _ in range(DEPTH)]
         self._states = [np.zeros_like(follower.state) if follower else np.zeros((0, 3)) for _ in range(DEPTH)]
         self._gram, self._right = np.zeros((3, DEPTH, DEPTH)), np.zeros((3, DEPTH))
         self._count = 0
@@ -90,10 +92,10 @@ class Anderson:
         if not self._count:
             return inner_product(self.device, self.residual, self.residual)
         first, second, third = self._latest(self._changes)
-        count = tiles(self._n)
+        count = tiles(self._n_cells)
         partial = self.device.empty((count, 7, CHANNELS))
-        self.device.run(self.device.kernel("anderson", "change_products"), GROUP * count, self._n, self.residual.whole,
-                        second, third, first, partial, group=GROUP)  # fmt: skip
+        self.device.run(self.device.kernel("anderson", "change_products"), GROUP * count, self._n_cells,
+                        self.residual.whole, second, third, first, partial, group=GROUP)  # fmt: skip
         sums = sum_of_parts(partial)
         slots = self._latest(list(range(DEPTH)))
         self._right[:, slots] = sums[:3].T
@@ -107,8 +109,8 @@ class Anderson:
         gamma, follower = self._least_residual(), self.follower
         weights = [self.device.vector(channels(g)) for g in self._latest(list(gamma))]
         steps, changes = self._latest(self._steps), self._latest(self._changes)
-        self.device.run(self.device.kernel("anderson", "move"), self._n, self._n, *weights, *steps[:2], *changes[:2],
-                        steps[2], changes[2], self.phi.whole, self.residual.whole)  # fmt: skip
+        self.device.run(self.device.kernel("anderson", "move"), self._n, self._n, self._n_cells, *weights, *steps[:2],
+                        *changes[:2], steps[2], changes[2], self.phi.whole, self.residual.whole)  # fmt: skip
         slot = self._count % DEPTH
         self._count += 1
         if follower:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from clsss.device import Device
-from clsss.diffusion import CHANNELS, Coefficients, Field, cell_points, channels
+from clsss.diffusion import CHANNELS, Coefficients, Field, Load, cell_points, channels
 from clsss.kept import kept
 from clsss.lights import DirectionalLight, PointLight
 from clsss.morton import morton
@@ -74,16 +74,16 @@ class Beams:
     medium : Coefficients
     blockers : RayCaster, optional
         Opaque bodies in front of the lights.
-    lent : tuple of Field, optional
+    lent : tuple of Load and Field, optional
         Where to add deposits up, and where the beams may leave their irradiance.
     """
 
     def __init__(self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None = None,
-                 lent: tuple[Field, Field] | None = None):  # fmt: skip
+                 lent: tuple[Load, Field] | None = None):  # fmt: skip
         self.blockers = blockers
         self.device, self.octree, self.medium = device, octree, medium.on_device(device)
         n_cut = octree.cut.n
-        self.Q, self._F = lent or (Field(device, octree), Field(device, octree))
+        self.Q, self._F = lent or (Load(device, octree), Field(device, octree))
         self.Q.whole.fill(0)
         self.moment = device.zeros((n_cut, CHANNELS))
         self.wall = device.zeros((n_cut, CHANNELS)) if medium.g else None
@@ -208,6 +208,6 @@ class Beams:
             else:
                 a, s = (channels(values.get()[cell].astype(float)) for values in (sigma_a, sigma_s))
             Q = self.Q[k].get()
-            Q[cell] += share * power * s / (a + s)
+            Q[cell] += (share * power * s / (a + s))[:3]
             self.Q[k].set(Q)
         self.incident += power[:3]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 os.environ.setdefault("PYOPENCL_NO_CACHE", "1")  # PoCL and GPU drivers cache builds themselves
 PREPARED = 1024  # kernels with their numbers that are kept; each takes the host a millisecond to make
-ROW_ALIGNMENT = 64  # rows; keeps views of any row of 16 bytes or more on the strictest device alignment
+BEYOND = 16  # bytes after the last that kernels may read (real.h)
 
 
 @functools.lru_cache(maxsize=8)
@@ -78,11 +78,10 @@ class Buffer:
             self.device.enqueue(lambda queue: cl.enqueue_copy(queue, self.data, other.data, byte_count=self.nbytes))
 
     def rows(self, first: int, n: int) -> Buffer:
-        """The `n` rows from `first` on, a view of the same memory; `first` in multiples of `ROW_ALIGNMENT`."""
+        """The `n` rows from `first` on, a view of the same memory; `first` in multiples of `Device.row_alignment`."""
         row = self.nbytes // self.shape[0]
-        return Buffer(
-            self.device, (n, *self.shape[1:]), self.dtype, self.data.get_sub_region(first * row, max(n, 1) * row)
-        )
+        data = self.data.get_sub_region(first * row, n * row + BEYOND)
+        return Buffer(self.device, (n, *self.shape[1:]), self.dtype, data)
 
     def __del__(self) -> None:
         self.device.allocated -= getattr(self, "_owned", 0)
@@ -105,6 +104,8 @@ class Device:
     real : numpy.dtype
     lanes : int
         Numbers of type `real` that the device computes at once; 1 where it does so across work-items.
+    row_alignment : int
+        Views of a buffer start at multiples of so many rows, if rows are of whole 4-byte words.
     allocated, peak : int
         What buffers hold now, and the most they ever held together [B].
 
@@ -141,6 +142,7 @@ class Device:
         self.queue = cl.CommandQueue(self.context)
         width = handle.native_vector_width_float if precision == "single" else handle.native_vector_width_double
         self.lanes = max(1, int(width))
+        self.row_alignment = max(1, int(handle.mem_base_addr_align) // 32)  # that is told in bits
         self.is_cpu = bool(handle.type & cl.device_type.CPU)
         self.allocated = self.peak = 0
         self._programs: dict[tuple[str, tuple[str, ...]], Any] = {}
@@ -152,7 +154,7 @@ class Device:
         import pyopencl as cl
 
         try:
-            data = cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, 16))
+            data = cl.Buffer(self.context, cl.mem_flags.READ_WRITE, nbytes + BEYOND)
         except cl.Error as error:
             raise DeviceError(
                 f"OpenCL device {self.name} cannot hold {nbytes / 2**20:.0f} MB more; lower the resolution"

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from clsss.around import Around, list_around
-from clsss.device import ROW_ALIGNMENT, Buffer, Device
+from clsss.device import Buffer, Device
 from clsss.jumps import Jumps, find_jumps
 from clsss.octree import Level, Octree, octants
 from clsss.rows import Kept, keep
@@ -115,14 +115,27 @@ class Operator:
         return T.row, absorb.last, T.values, absorb.values
 
 
-class Field(list[Buffer]):
-    """One value of four channels per cell and ghost: a buffer (n + n_ghost, 4) per level, all in one (`whole`)."""
+class PerLevel(list[Buffer]):
+    """Numbers on each level: a buffer (n, width) per level, all in one (`whole`), with rows of zeros in between."""
+
+    def __init__(self, device: Device, sizes: list[int], width: int):
+        starts = np.concatenate([[0], np.cumsum([-(-n // device.row_alignment) * device.row_alignment for n in sizes])])
+        self.whole = device.zeros((int(starts[-1]), width))
+        super().__init__(self.whole.rows(int(first), n) for first, n in zip(starts, sizes, strict=False))
+
+
+class Field(PerLevel):
+    """One value per cell and ghost (n + n_ghost, 4), as cells gather from their neighbours."""
 
     def __init__(self, device: Device, octree: Octree):
-        sizes = [level.n + level.n_ghost for level in octree.levels]
-        starts = np.concatenate([[0], np.cumsum([-(-n // ROW_ALIGNMENT) * ROW_ALIGNMENT for n in sizes])])
-        self.whole = device.zeros((int(starts[-1]), CHANNELS))
-        super().__init__(self.whole.rows(int(first), n) for first, n in zip(starts, sizes, strict=False))
+        super().__init__(device, [level.n + level.n_ghost for level in octree.levels], CHANNELS)
+
+
+class Load(PerLevel):
+    """One value per cell (n, 3), packed: a right-hand side or a residual, which no neighbour takes."""
+
+    def __init__(self, device: Device, octree: Octree):
+        super().__init__(device, [level.n for level in octree.levels], 3)
 
 
 def channels(values: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from clsss.boundary import Boundary
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Operator, channels
+from clsss.diffusion import CHANNELS, Field, Load, Operator, channels
 from clsss.exchange import Exchange, patch_depth
 from clsss.residual import Residual
 from clsss.source import Source, subtract_moment
@@ -71,7 +71,7 @@ class PatchCoupling:
         self._more, self._next, self._entered = (device.empty((p, CHANNELS)) for _ in range(3))
         # what solving `level` changes of right-hand sides: at its cells over cut ones, at leaves next to finer cells
         cells = [*(level.interface for level in levels[: self.level]), self._above[self.level][0]]
-        self._changed = [(k, at, device.empty((at.shape[0], CHANNELS))) for k, at in enumerate(cells) if at.shape[0]]
+        self._changed = [(k, at, device.empty((at.shape[0], 3))) for k, at in enumerate(cells) if at.shape[0]]
         self._moment = device.empty((op.octree.cut.n, CHANNELS))
         self._take, self._put, self._leave, self._enter, self._subtract = (
             device.kernel("passage", name) for name in ("take_rows", "put_rows", "leave", "enter", "subtract_scaled")
@@ -120,7 +120,7 @@ class PatchCoupling:
         p, scale = self.B.shape[0], [self.device.vector([v] * CHANNELS) for v in (a, b)]
         self.device.run(self._combination, p, p, *scale, x, y)
 
-    def respond(self, solve: Callable[[int | None], None], r: Field, e: Field) -> None:
+    def respond(self, solve: Callable[[int | None], None], r: Load, e: Field) -> None:
         """Enqueue the solve of `level`, of which `solve` is a V-cycle of some sweeps, with the light on its way."""
         run, k, p = self.device.run, self.level, self.B.shape[0]
         cell, _, _, at = self._above[k]
@@ -197,7 +197,7 @@ class Interreflection:
         """How far it moved B, relative to its size."""
         return self.coupling.moved()
 
-    def adjust(self, residual: Field) -> None:
+    def adjust(self, residual: Load) -> None:
         """Add C_B gain H_t to the residual of the cut cells."""
         op = self.coupling.op
         subtract_moment(self.coupling.device, op.octree, op.medium, self.coupling.boundary_moment(), residual[-1])

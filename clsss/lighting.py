@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from clsss.device import Device
-from clsss.diffusion import Coefficients, Field, cell_points
+from clsss.diffusion import Coefficients, Field, Load, cell_points
 from clsss.exchange import Exchange
 from clsss.fresnel import entering_gain
 from clsss.interreflection import Interreflection, PatchCoupling, boundary_flux
@@ -55,9 +55,9 @@ class Setup:
         return PatchCoupling(self.device, self.multigrid.op, self.exchange) if self.exchange else None
 
     @cached_property
-    def right_hand_side(self) -> Field:
+    def right_hand_side(self) -> Load:
         """Of one set of lights after the other: no solution needs it any more."""
-        return Field(self.device, self.octree)
+        return Load(self.device, self.octree)
 
 
 @dataclass(frozen=True, eq=False)

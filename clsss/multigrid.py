@@ -17,7 +17,7 @@ import numpy as np
 
 from clsss.anderson import Anderson, Coupling, Follower
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Operator, channels
+from clsss.diffusion import CHANNELS, Field, Load, Operator, PerLevel, channels
 from clsss.residual import Residual
 from clsss.rounding import Held, rounding_gain
 from clsss.sums import inner_product
@@ -78,7 +78,7 @@ class Multigrid:
     def __init__(self, device: Device, op: Operator):
         self.device, self.op = device, op
         d = op.medium.defines
-        self.e, self.r = Field(device, op.octree), Field(device, op.octree)
+        self.e, self.r = Field(device, op.octree), Load(device, op.octree)
         self.residual = Residual(device, op, self.e[-1])  # no correction is wanted while a residual is taken
         self._smooth, self._from_zero = (device.kernel("smooth", name, *d) for name in ("smooth", "smooth_from_zero"))
         self._leave_residual = device.kernel("restrict", "leave_residual", *d)
@@ -179,7 +179,7 @@ class Multigrid:
             self.e[k])  # fmt: skip
         self.smooth(k, sweeps)
 
-    def inner_product(self, x: Field, y: Field) -> np.ndarray:
+    def inner_product(self, x: PerLevel, y: PerLevel) -> np.ndarray:
         """Sum over all cells of x y, by colour channel (3,)."""
         return inner_product(self.device, x, y)
 
@@ -189,7 +189,7 @@ class Multigrid:
         scale = [self.device.vector(channels(np.broadcast_to(v, 3).astype(float))) for v in (a, b)]
         self.device.run(self._combine, n, n, *scale, x.whole, y.whole)
 
-    def solve(self, b: Field, phi: Field, tolerance: float, max_cycles: int = 40,
+    def solve(self, b: Load, phi: Field, tolerance: float, max_cycles: int = 40,
               progress: Callable[[float], None] | None = None, follower: Follower | None = None,
               from_zero: bool = False) -> Convergence:  # fmt: skip
         """Solve A_h phi = b, starting from `phi`.
@@ -200,7 +200,7 @@ class Multigrid:
 
         Parameters
         ----------
-        b : Field
+        b : Load
             Right-hand sides [W in the operator's scale].
         phi : Field
             Fluence [W/mm^2]: start and result, the latter complete.

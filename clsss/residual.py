@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Operator
+from clsss.diffusion import CHANNELS, Field, Load, Operator
 from clsss.octree import Octree
 
 
@@ -80,14 +80,14 @@ class Residual:
             cut.cell, octree.cut_index, cut.centroid, cut.boundary, cut.normal, self.wall, phi[-1],
             self.slope)  # fmt: skip
 
-    def __call__(self, phi: Field, b: Field, r: Field) -> None:
+    def __call__(self, phi: Field, b: Load, r: Load) -> None:
         """Overwrite `r` with b - A_h phi on the leaves, zero on covered cells.
 
         Parameters
         ----------
         phi : Field
             Fluence [W/mm^2]; it is completed.
-        b, r : Field
+        b, r : Load
             Right-hand side and residual, integrated over cells, in the scale of the operator.
         """
         self.complete(phi)
@@ -104,7 +104,7 @@ class Residual:
             op.irregular, finest.nbr, octree.cut_index, cut.centroid, cut.boundary, cut.normal, cut.face_centroid,
             T[-1].row, T[-1].values, self.slope, phi[-1], r[-1])  # fmt: skip
 
-    def of_zero(self, b: Field, r: Field) -> None:
+    def of_zero(self, b: Load, r: Load) -> None:
         """The same for phi = 0, which is complete as it is, where there is no `wall`."""
         r.whole.copy_from(b.whole)
         self.slope.fill(0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from clsss.anderson import Follower
 from clsss.device import Buffer
-from clsss.diffusion import Field, Operator
+from clsss.diffusion import Field, Load, Operator
 
 
 def rounding_gain(op: Operator) -> np.ndarray:
@@ -36,14 +36,14 @@ class Held:
     ----------
     phi : Field
         Complete. It is set to zero, and counts from what it was until `release`.
-    b, r : Field
+    b, r : Load
         Right-hand side, and the residual of `phi` without the follower's part, which takes its place.
     wall : (n_cut, 4) real, device, or None
         The boundary's source, `Residual.wall`: it belongs to what is held, and is set to zero.
     follower : Follower or None
     """
 
-    def __init__(self, phi: Field, b: Field, r: Field, wall: Buffer | None, follower: Follower | None):
+    def __init__(self, phi: Field, b: Load, r: Load, wall: Buffer | None, follower: Follower | None):
         self._phi, self._follower = phi, follower
         if follower:
             follower.hold(phi)

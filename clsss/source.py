@@ -15,7 +15,7 @@ import numpy as np
 
 from clsss.beams import Beams
 from clsss.device import Buffer, Device
-from clsss.diffusion import Coefficients, Field, cell_points, channels
+from clsss.diffusion import Coefficients, Field, Load, cell_points, channels
 from clsss.jumps import mean_over_jumps
 from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
@@ -52,13 +52,13 @@ class Source(Deposit):
 
     Attributes
     ----------
-    b : Field
+    b : Load
         What each leaf receives, in the operator's scale.
     moment : (n_cut, 4) real, device
         First moment r_B of the source between centroid and surface [W/mm^2].
     """
 
-    b: Field
+    b: Load
     moment: Buffer
 
 
@@ -69,20 +69,20 @@ def _add_emission(beams: Beams, light: Emission, unit: float) -> np.ndarray:
     volumes, points, lost = octree.volumes(), cell_points(octree), np.zeros(3)
     for k, (level, q) in enumerate(zip(octree.levels, beams.Q, strict=True)):
         leaf = level.leaf
-        density, power = np.zeros((level.n, 3)), np.zeros((level.n + level.n_ghost, 3))
+        density = np.zeros((level.n, 3))
         density[leaf] = light.density(points[k][leaf])
         if callable(light.q0) and level is octree.finest:
             density = mean_over_jumps(octree, density, light.density)
         density /= unit
-        power[: level.n] = density * volumes[k][:, None]
+        power = density * volumes[k][:, None]
         lost += power.sum(axis=0)
         if layer and level is octree.finest:
             moment = density[cells] * layer.moment
-            power[: level.n] = density * layer.volume
+            power = density * layer.volume
             power[cells] += layer.conductance * moment
             beams.moment.set(beams.moment.get() + channels(moment))
         lost -= power.sum(axis=0)
-        q.set(q.get() + channels(power))
+        q.set(q.get() + power)
     return lost
 
 
@@ -103,7 +103,7 @@ def light_unit(lights: list[Any], size: float) -> float:
 
 def make_source(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float,
                 blockers: RayCaster | None = None, progress: Callable[[float], None] | None = None,
-                lent: tuple[Field, Field] | None = None) -> Source:  # fmt: skip
+                lent: tuple[Load, Field] | None = None) -> Source:  # fmt: skip
     """Deposit of all lights, in multiples of `unit` [W/mm^2].
 
     Parameters
@@ -116,7 +116,7 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         Opaque bodies in front of the lights.
     progress : callable, optional
         Called with the fraction done.
-    lent : tuple of Field, optional
+    lent : tuple of Load and Field, optional
         Where the right-hand side shall lie, and one to overwrite.
 
     Returns

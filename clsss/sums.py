@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field
+from clsss.diffusion import CHANNELS, PerLevel
 
 TILE, GROUP = 4096, 64  # cells and work-items of a partial sum, as in kernels/tile.h
 
@@ -20,7 +20,7 @@ def sum_of_parts(partial: Buffer) -> np.ndarray:
     return partial.get()[..., :3].astype(float).sum(axis=0)
 
 
-def inner_product(device: Device, x: Field, y: Field) -> np.ndarray:
+def inner_product(device: Device, x: PerLevel, y: PerLevel) -> np.ndarray:
     """Sum over all cells of x y (3,)."""
     partial = device.empty((tiles(x.whole.shape[0]), CHANNELS))
     take_products(device, x.whole, y.whole, partial)
@@ -28,14 +28,14 @@ def inner_product(device: Device, x: Field, y: Field) -> np.ndarray:
 
 
 def take_products(device: Device, x: Buffer, y: Buffer, partial: Buffer) -> None:
-    """Enqueue the sums of x y, (n, 4) each, tile by tile."""
-    n = x.shape[0]
-    device.run(device.kernel("reduce", "inner_product"), GROUP * tiles(n), n, x, y, partial, group=GROUP)
+    """Enqueue the sums of x y, (n, 3) or (n, 4) each, tile by tile."""
+    n, width = x.shape
+    device.run(device.kernel("reduce", "inner_product"), GROUP * tiles(n), n, width, x, y, partial, group=GROUP)
 
 
 def total(device: Device, values: Buffer) -> np.ndarray:
-    """Sum of values (n, 4) over their rows (3,)."""
-    n = values.shape[0]
+    """Sum of values (n, 3) or (n, 4) over their rows (3,)."""
+    n, width = values.shape
     partial = device.empty((tiles(n), CHANNELS))
-    device.run(device.kernel("reduce", "total"), GROUP * tiles(n), n, values, partial, group=GROUP)
+    device.run(device.kernel("reduce", "total"), GROUP * tiles(n), n, width, values, partial, group=GROUP)
     return sum_of_parts(partial)

@@ -38,19 +38,19 @@ REAL distance_across(const int f, const int c, const int other, __global const R
  *     T_f (phi_j - phi_i)  ->  T_f x / sinh(x) (phi_j + g_j . tau_j - phi_i - g_i . tau_i),
  *     and  C_B phi_i  with its clamp eased  ->  C_B (phi_i + g . (x_B - d n - x_i)).
  */
-// cost correct_residual: 42R+6C+8M+88 B, 150 flop
+// cost correct_residual: 40R+6C+8M+88 B, 150 flop
 __kernel void correct_residual(const int n, const int n_cells, const REAL h, const REAL fresnel_A, MEDIUM D,
                                MEDIUM fitted, __global const int *restrict irregular, __global const int *restrict nbr,
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
                                __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
                                __global const Place *restrict face_centroid, __global const int *restrict rows,
                                __global const REAL *restrict T, __global const REAL *restrict slope,
-                               __global const REAL4 *restrict x, __global REAL4 *restrict r) {
+                               __global const REAL4 *restrict x, __global REAL *restrict r) {
     const int m = get_global_id(0);
     if (m >= n) return;
     const int i = irregular[m], c = cut_index[i], row = ROW_OF(i, rows);
     const REAL4 D_i = AT(D, max(c, 0)), k2 = FITTED_AT(fitted, i);
-    REAL4 sum = r[i];
+    REAL4 sum = colours_at(i, r);
 #pragma unroll
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
@@ -80,7 +80,7 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
                            p / resistance(own, d * h, D_i, fresnel_A);
         sum += SCALE(boundary[c].w * h * h * flux, D_i);
     }
-    r[i] = sum;
+    vstore3(sum.xyz, i, r);
 }
 
 /* phi_B = 2A (p + r_B) / (2A + d/D), or as fitted, r_B the source's moment between the centroid and the surface.

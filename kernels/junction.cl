@@ -41,17 +41,17 @@ __kernel void junction_shares(const int n, __global const int *restrict face, __
     for (int k = start[q]; k < start[q + 1]; k++) share[k] /= total;
 }
 
-// cost smooth_with_junctions: 46R+28 B, 68 flop
+// cost smooth_with_junctions: 45R+28 B, 68 flop
 __kernel void smooth_with_junctions(const int first, const int n, const REAL omega, __global const int *restrict nbr,
                                     __global const int *restrict rows, const int last, __global const REAL *restrict T,
-                                    __global const SINK *restrict absorb, __global const REAL4 *restrict b,
+                                    __global const SINK *restrict absorb, __global const REAL *restrict b,
                                     const int n_rows, __global const int *restrict start,
                                     __global const int *restrict cell, __global const COND *restrict share,
                                     __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
     const int row = ROW_OF(i, rows);
-    REAL4 sum = b[i], diagonal = SINK_AT(absorb, min(row, last));
+    REAL4 sum = colours_at(i, b), diagonal = SINK_AT(absorb, min(row, last));
     for (int f = 0; f < 6; f++) {
         const COND t = T_AT(T, 6 * row + f);
         sum += t * value_beyond(nbr[6 * i + f], n_rows, start, cell, share, x);
@@ -60,18 +60,18 @@ __kernel void smooth_with_junctions(const int first, const int n, const REAL ome
     x[i] = (1 - omega) * x[i] + omega * sum / diagonal;
 }
 
-// cost leave_residual_with_junctions: 46R+28 B, 76 flop
+// cost leave_residual_with_junctions: 45R+28 B, 76 flop
 __kernel void leave_residual_with_junctions(const int n, __global const int *restrict nbr,
                                             __global const int *restrict rows, const int last,
                                             __global const REAL *restrict T, __global const SINK *restrict absorb,
-                                            __global const REAL4 *restrict b, const int n_rows,
+                                            __global const REAL *restrict b, const int n_rows,
                                             __global const int *restrict start, __global const int *restrict cell,
                                             __global const COND *restrict share, __global REAL4 *x) {
     const int i = get_global_id(0);
     if (i >= n) return;
     const int row = ROW_OF(i, rows);
     const REAL4 own = x[i];
-    REAL4 sum = b[i] - SINK_AT(absorb, min(row, last)) * own;
+    REAL4 sum = colours_at(i, b) - SINK_AT(absorb, min(row, last)) * own;
     for (int f = 0; f < 6; f++)
         sum += T_AT(T, 6 * row + f) * (value_beyond(nbr[6 * i + f], n_rows, start, cell, share, x) - own);
     x[i] = sum;

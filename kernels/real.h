@@ -12,6 +12,19 @@
 #define convert_REAL3 GLUE(convert_, REAL3)
 #define convert_REAL4 GLUE(convert_, REAL4)
 
+/* Three numbers side by side, the colour channels; the spare one repeats the third. Where vectors are a work-item's own,
+ * one load of four is faster than three; device.py leaves room for the number beyond the last.
+ */
+REAL4 colours(__global const REAL *values) {
+#if LANES == 1
+    return vload3(0, values).xyzz;
+#else
+    return vload4(0, values).xyzz;
+#endif
+}
+
+REAL4 colours_at(const int i, __global const REAL *values) { return colours(values + 3 * (size_t)i); }
+
 /* A float's first 16 bits, rounded to nearest: its range and eight bits of its precision, in half the memory. */
 ushort4 shorten(const REAL4 value) {
     const uint4 bits = as_uint4(convert_float4(value));

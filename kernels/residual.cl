@@ -3,53 +3,53 @@
 #include "conductance.h"
 #include "rows.h"
 
-// cost residual: 40R+6C+28 B, 76 flop
+// cost residual: 38R+6C+28 B, 76 flop
 __kernel void residual(const int n, __global const int *restrict nbr, __global const int *restrict rows, const int last,
                        __global const REAL *restrict T, __global const SINK *restrict absorb,
-                       __global const REAL4 *restrict b, __global const REAL4 *restrict x, __global REAL4 *restrict r) {
+                       __global const REAL *restrict b, __global const REAL4 *restrict x, __global REAL *restrict r) {
     const int i = get_global_id(0);
     if (i >= n) return;
     const int row = ROW_OF(i, rows);
     const REAL4 own = x[i];
-    REAL4 sum = b[i] - SINK_AT(absorb, min(row, last)) * own;
+    REAL4 sum = colours_at(i, b) - SINK_AT(absorb, min(row, last)) * own;
     for (int f = 0; f < 6; f++) sum += T_AT(T, 6 * row + f) * (x[nbr[6 * i + f]] - own);
-    r[i] = sum;
+    vstore3(sum.xyz, i, r);
 }
 
 /* The same on the leaves of a coarser level: faces to covered cells are left to their fine faces (reflux). */
-// cost residual_of_leaves: 40R+6C+35 B, 76 flop
+// cost residual_of_leaves: 38R+6C+35 B, 76 flop
 __kernel void residual_of_leaves(const int n, __global const int *restrict nbr, __global const uchar *restrict is_leaf,
                                  __global const int *restrict rows, const int last, __global const REAL *restrict T,
-                                 __global const SINK *restrict absorb, __global const REAL4 *restrict b,
-                                 __global const REAL4 *restrict x, __global REAL4 *restrict r) {
+                                 __global const SINK *restrict absorb, __global const REAL *restrict b,
+                                 __global const REAL4 *restrict x, __global REAL *restrict r) {
     const int i = get_global_id(0);
     if (i >= n) return;
     if (!is_leaf[i]) {
-        r[i] = (REAL4)(0);
+        vstore3((REAL3)(0), i, r);
         return;
     }
     const int row = ROW_OF(i, rows);
     const REAL4 own = x[i];
-    REAL4 sum = b[i] - SINK_AT(absorb, min(row, last)) * own;
+    REAL4 sum = colours_at(i, b) - SINK_AT(absorb, min(row, last)) * own;
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
         if (j >= n || is_leaf[j]) sum += T_AT(T, 6 * row + f) * (x[j] - own);
     }
-    r[i] = sum;
+    vstore3(sum.xyz, i, r);
 }
 
 /* Add to leaves with finer neighbours what their fine faces bring: the same flux that the fine side loses. */
-// cost reflux: 40R+4C+44 B, 64 flop
+// cost reflux: 38R+4C+44 B, 64 flop
 __kernel void reflux(const int n, const int n_fine, __global const int *restrict interface,
                      __global const int *restrict interface_start, __global const int *restrict ghost_face,
                      __global const int *restrict rows, __global const REAL *restrict T_fine,
-                     __global const REAL4 *restrict x_fine, __global REAL4 *restrict r) {
+                     __global const REAL4 *restrict x_fine, __global REAL *restrict r) {
     const int m = get_global_id(0);
     if (m >= n) return;
-    REAL4 sum = r[interface[m]];
+    REAL4 sum = colours_at(interface[m], r);
     for (int k = interface_start[m]; k < interface_start[m + 1]; k++) {
         const int i = ghost_face[k] / 6, f = ghost_face[k] % 6;
         sum += T_AT(T_fine, 6 * ROW_OF(i, rows) + f) * (x_fine[i] - x_fine[n_fine + k]);
     }
-    r[interface[m]] = sum;
+    vstore3(sum.xyz, interface[m], r);
 }

@@ -10,7 +10,7 @@ import trimesh
 
 from clsss import cutcell, diffusion, octree, source
 from clsss.device import Device
-from clsss.diffusion import Field
+from clsss.diffusion import Field, Load
 from clsss.fresnel import fresnel_A
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
@@ -145,6 +145,11 @@ def build_operator(device: Device, tree: octree.Octree, medium: Any) -> diffusio
     return diffusion.make_operator(
         device, tree, diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
     )
+
+
+def fields(device: Device, tree: octree.Octree) -> tuple[Field, Load, Load]:
+    """A solution, a right-hand side and a residual, of zeros."""
+    return Field(device, tree), Load(device, tree), Load(device, tree)
 
 
 def set_field(tree: octree.Octree, phi: Field, function: Any) -> None:

@@ -9,7 +9,7 @@ import pytest
 from shapes import box, build_operator, build_tree, pulley, set_field, sphere, stack, torus
 
 from clsss.around import ENTRIES, _list, list_around
-from clsss.diffusion import Field
+from clsss.diffusion import Field, Load
 from clsss.materials import Material
 from clsss.residual import Residual
 
@@ -61,7 +61,7 @@ def test_gradients_are_the_same_on_the_widest_grids(device):
     set_field(tree, phi, lambda points: np.random.default_rng(3).uniform(1, 2, len(points)))
     found = []
     for each in (op, replace(op, around=with_far(device, tree))):
-        b, r = Field(device, tree), Field(device, tree)
+        b, r = Load(device, tree), Load(device, tree)
         Residual(device, each)(phi, b, r)
         found.append(r[-1].get())
     np.testing.assert_array_equal(*found)

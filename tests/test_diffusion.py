@@ -13,6 +13,7 @@ from shapes import (
     build_operator,
     build_tree,
     conductances,
+    fields,
     links,
     pulley,
     relative_rms,
@@ -138,7 +139,7 @@ def test_residual_conserves(double, medium):
     op = build_operator(double, tree, medium)
     residual = Residual(double, op)
     rng = np.random.default_rng(5)
-    phi, b, r = (Field(double, tree) for _ in range(3))
+    phi, b, r = fields(double, tree)
     for x in phi:
         x.set(rng.uniform(1, 2, x.shape))
     residual(phi, b, r)
@@ -163,7 +164,7 @@ def test_linear_fields_are_exact_in_full_cells(double, resolution):
     """Between full cells, of one level or of two, the flux of a linear field is constant: nothing is left over."""
     tree = build_tree(double, sphere(), resolution)
     op = build_operator(double, tree, CLEAR)
-    phi, b, r = (Field(double, tree) for _ in range(3))
+    phi, b, r = fields(double, tree)
     slope = np.array([1.0, -2.0, 0.5])
     set_field(tree, phi, lambda points: 3 + points @ slope)
     Residual(double, op)(phi, b, r)
@@ -186,7 +187,7 @@ def test_linear_fields_are_exact_in_cut_cells(double):
     tree = build_tree(double, box((20, 20, 12), ROTATION), 48)
     op = build_operator(double, tree, CLEAR)
     residual, n = Residual(double, op), ROTATION[:, 2]
-    phi, b, r = (Field(double, tree) for _ in range(3))
+    phi, b, r = fields(double, tree)
     drop = 2 * fresnel_A(CLEAR.eta) * CLEAR.D[0]
     set_field(tree, phi, lambda points: drop + 6 - points @ n)
     residual(phi, b, r)
@@ -313,7 +314,7 @@ class Dense:
 def test_residual_is_the_scheme_as_written_down(double, medium):
     tree = build_tree(double, sphere(subdivisions=3), 7, refine=None)
     op = build_operator(double, tree, medium)
-    phi, b, r = (Field(double, tree) for _ in range(3))
+    phi, b, r = fields(double, tree)
     values = np.random.default_rng(6).uniform(1, 2, tree.finest.n)
     phi[-1].set(np.repeat(values[:, None], 4, axis=1))
     Residual(double, op)(phi, b, r)
@@ -340,7 +341,7 @@ def test_gradients_of_thin_fins_leave_out_what_they_do_not_have(double):
 def test_no_first_moment_needs_no_wall(device):
     tree = build_tree(device, sphere(), 24)
     op, found = build_operator(device, tree, MATERIAL), []
-    phi, b, r = (Field(device, tree) for _ in range(3))
+    phi, b, r = fields(device, tree)
     set_field(tree, phi, lambda points: np.random.default_rng(9).uniform(1, 2, len(points)))
     for wall in (None, device.zeros((tree.cut.n, 4))):
         residual = Residual(device, op)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import itertools
 import re
 
+import numpy as np
 import pytest
 
 from clsss.device import Device
 from clsss.kernelsource import KERNEL_DIR, kernel_source
+from clsss.sums import total
 
 FILES = sorted(path.stem for path in KERNEL_DIR.glob("*.cl"))
 ALL_FILES = sorted(path.name for path in KERNEL_DIR.iterdir() if path.suffix in (".cl", ".h"))
@@ -60,3 +62,16 @@ def test_rays_build_one_by_one(precision):
     device.lanes = 1
     for file, name in (("attenuate", "beam_in_cells"), ("seen", "first_met"), ("single", "scattered_once")):
         assert device.kernel(file, name).function_name == name
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("lanes", [1, None], ids=["three loads", "one load"])
+@pytest.mark.parametrize("width", [3, 4])
+def test_rows_take_nothing_of_the_next(precision, width, lanes):
+    """One load of four takes in the next row's first number, here none, and lets go of it."""
+    device = Device(None, precision)
+    device.lanes = lanes or device.lanes
+    n = device.row_alignment
+    values = np.full((2 * n, width), np.nan)
+    values[:n] = np.arange(n * width).reshape(n, width)
+    np.testing.assert_array_equal(total(device, device.array(values).rows(0, n)), values[:n, :3].sum(axis=0))
