@@ -59,6 +59,11 @@ class Setup:
         """Of one set of lights after the other: no solution needs it any more."""
         return Load(self.device, self.octree)
 
+    @cached_property
+    def phi(self) -> Field:
+        """Fluence of one set of lights after the other."""
+        return Field(self.device, self.octree)
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -68,8 +73,8 @@ class Solution:
     ----------
     unit : float
         Strength of the lights [W/mm^2].
-    phi : Field
-        Fluence in the cells.
+    phi : list of (n + n_ghost, 4) real
+        Fluence in the cells of each level, on the host: the device holds one solution at a time (`Setup.phi`).
     flux : (n_cut, 3) float64
         J.n at the boundary of the cut cells: what leaves them for good.
     exitance, fluence : (n_cut, 3) float64
@@ -86,7 +91,7 @@ class Solution:
     """
 
     unit: float
-    phi: Field
+    phi: list[np.ndarray]
     flux: np.ndarray
     exitance: np.ndarray
     fluence: np.ndarray
@@ -133,10 +138,12 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         coupling = setup.coupling
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
-        phi = Field(device, octree)
+        phi = setup.phi
         follower = Interreflection(coupling, setup.multigrid.residual, source, phi) if coupling else None
+        phi.whole.fill(0)
         if last is not None:
-            setup.multigrid.combine(last.unit / unit, last.phi, 0, phi)
+            for x, values in zip(phi, last.phi, strict=True):
+                x.set(values * (last.unit / unit))
             if follower:
                 follower.start_from(last.leaving * (last.unit / unit))
         convergence = setup.multigrid.solve(
@@ -150,12 +157,14 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     leaving = follower.leaving if follower else np.zeros((0, 3))
     moment = source.moment.get()[:, :3] - gain * entering if setup.layer else None
     deposit = Deposit(source.wall, source.deposited, source.incident, source.lost)
-    return Solution(unit, phi, flux, exitance, fluence, once, leaving, moment, deposit, convergence)
+    return Solution(unit, [x.get() for x in phi], flux, exitance, fluence, once, leaving, moment, deposit, convergence)
 
 
 def interpolate(setup: Setup, solution: Solution, points: np.ndarray) -> np.ndarray:
     """Fluence (n, 3) at points (n, 3) [mm], linear about the centroids of the leaves that hold them; else NaN."""
-    octree, phi = setup.octree, solution.phi
+    octree, phi = setup.octree, setup.phi
+    for x, values in zip(phi, solution.phi, strict=True):
+        x.set(values)
     setup.multigrid.residual.wall = solution.source.wall
     setup.multigrid.residual.complete(phi)
     out = np.full((len(points), 3), np.nan)

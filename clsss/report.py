@@ -71,7 +71,7 @@ def _absorbed(setup: Setup, solution: Solution) -> np.ndarray:
     tree, medium, layer = setup.octree, setup.medium, setup.layer
     absorbed = solution.source.lost / solution.unit
     for level, x, volume, sigma_a in zip(tree.levels, solution.phi, _leaf_volumes(tree), medium.sigma_a, strict=True):
-        values, rate = x.get()[: level.n, :3].astype(float), np.ones(3)
+        values, rate = x[: level.n, :3].astype(float), np.ones(3)
         if medium.homogeneous:
             rate = np.array(sigma_a.tolist())[:3]
         else:
