@@ -11,10 +11,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import problems
+from outputs import Target
 from rates import Bench, TwoPoint, cycles_needed, errors, norms, rate, solve
 
 from clsss import DirectionalLight, Emission
@@ -27,39 +27,17 @@ from clsss.surface import boundary_points, fluence_at
 DEPTHS = np.array([0.05, 0.5, 5.0])  # sigma_tr h of the three channels
 
 
-@dataclass(frozen=True)
-class Row:
-    """A measured quantity and its bar; without one it only informs."""
-
-    quantity: str
-    measured: float
-    bar: float | None = None
-    at_least: bool = False
-
-    @property
-    def missed(self) -> bool:
-        """Whether the bar is missed; what is no number misses any."""
-        if self.bar is None:
-            return False
-        return not (self.measured >= self.bar if self.at_least else self.measured <= self.bar)
-
-    def __str__(self) -> str:
-        bar = "" if self.bar is None else f"{'>=' if self.at_least else '<='} {self.bar:.3g}"
-        verdict = "" if self.bar is None else "FAIL" if self.missed else "pass"
-        return f"{self.quantity:<66} {self.measured:>10.3g}  {bar:<10} {verdict}"
-
-
-def closure(bench: Bench) -> Iterator[Row]:
+def closure(bench: Bench) -> Iterator[Target]:
     """Every cell is a closed polyhedron."""
     normals = np.repeat(np.eye(3), 2, axis=0) * np.tile([-1, 1], 3)[:, None]
     for name in ("sphere", "torus", "shell 2h", "plate 1.5h"):
         mesh = problems.shape(name, bench.n)
         tree = bench.multigrid(mesh, problems.layer(DEPTHS, 0.9), problems.cells_along(mesh)).op.octree
         gap = tree.apertures() @ normals + tree.cut.normal.get()[:, :3]
-        yield Row(f"{name}: |sum alpha_f n_f + alpha_B n_B|", float(np.abs(gap).max()), 1e-12)
+        yield Target(f"{name}: |sum alpha_f n_f + alpha_B n_B|", float(np.abs(gap).max()), 1e-12)
 
 
-def factors(bench: Bench) -> Iterator[Row]:
+def factors(bench: Bench) -> Iterator[Target]:
     """Reduction per cycle by shape; sigma_tr h .05, .5, 5, without absorption and with little."""
     for name in problems.SHAPES:
         mesh = problems.shape(name, bench.n)
@@ -70,22 +48,22 @@ def factors(bench: Bench) -> Iterator[Row]:
             of_two_point, whole = rate(mg, TwoPoint(bench.device, mg.op)), rate(mg, mg.residual)
             label = f"{name}, sigma_a {'0' if absorbed == 0 else '.001 sigma_tr'}"
             round_shape = name in ("sphere", "torus", "shell 2h")
-            yield Row(f"{label}: two-point part, V(2,2)", of_two_point.max(), 0.12 if round_shape else None)
+            yield Target(f"{label}: two-point part, V(2,2)", of_two_point.max(), 0.12 if round_shape else None)
             if round_shape:
                 single = rate(mg, TwoPoint(bench.device, mg.op), sweeps=1)
-                yield Row(f"{label}: two-point part, V(1,1)", single.max(), 0.23)
+                yield Target(f"{label}: two-point part, V(1,1)", single.max(), 0.23)
             bar = 0.40 if name.startswith("balls") else 0.18
             if name == "plate 1.5h" and absorbed == 0:
                 bar = 0.22
-            yield Row(f"{label}: defect correction", whole.max(), bar)
+            yield Target(f"{label}: defect correction", whole.max(), bar)
         plain, accelerated = cycles_needed(mg)
-        yield Row(f"{label}: plain cycles to 1e-8", len(plain) - 1)
-        yield Row(f"{label}: cycles of solve() to 1e-8", len(accelerated) - 1, 15)
+        yield Target(f"{label}: plain cycles to 1e-8", len(plain) - 1)
+        yield Target(f"{label}: cycles of solve() to 1e-8", len(accelerated) - 1, 15)
         bench.curves.setdefault("rates", {})[name] = (of_two_point, whole)
         bench.curves.setdefault("histories", {})[name] = (plain, accelerated)
 
 
-def sizes(bench: Bench) -> Iterator[Row]:
+def sizes(bench: Bench) -> Iterator[Target]:
     """The rate does not depend on the grid; the octree costs little of it."""
     rates = {}
     for n in (16, 32, 64) if bench.quick else (32, 64, 128, 192):
@@ -95,18 +73,18 @@ def sizes(bench: Bench) -> Iterator[Row]:
             two_point, whole = rate(mg, TwoPoint(bench.device, mg.op)), rate(mg, mg.residual)
             rates[n, adaptive] = two_point.max()
             label = f"sphere {n}, {'octree' if adaptive else 'uniform'}, sigma_tr h {DEPTHS * 32 / n}"
-            yield Row(f"{label}: two-point part", rates[n, adaptive], None if adaptive else 0.12)
-            yield Row(f"{label}: defect correction", whole.max(), 0.25 if n >= 128 and 5 * 32 / n > 1 else 0.18)
+            yield Target(f"{label}: two-point part", rates[n, adaptive], None if adaptive else 0.12)
+            yield Target(f"{label}: defect correction", whole.max(), 0.25 if n >= 128 and 5 * 32 / n > 1 else 0.18)
             if n == 64 and not adaptive:
                 work = 8 / 7 * (4 + 1) * np.log(1e-8) / np.log(rates[n, adaptive])
-                yield Row("sphere 64: fine-grid sweeps to 1e-8, two-point part", work, 50)
+                yield Target("sphere 64: fine-grid sweeps to 1e-8, two-point part", work, 50)
     first, last = (32, 64) if bench.quick else (64, 192)
     change = abs(rates[last, False] - rates[first, False])
     title = f"sphere: change of the two-point rate from {first} to {last} cells"
-    yield Row(title, change, None if bench.quick else 0.02)
+    yield Target(title, change, None if bench.quick else 0.02)
 
 
-def media(bench: Bench) -> Iterator[Row]:
+def media(bench: Bench) -> Iterator[Target]:
     """Reduction per cycle where D varies."""
     n = bench.n
     mesh = problems.shape("sphere", n)
@@ -117,15 +95,15 @@ def media(bench: Bench) -> Iterator[Row]:
     ]
     for label, medium, bar, most in cases:
         mg = bench.multigrid(mesh, medium, n)
-        yield Row(f"D {label}: two-point part", rate(mg, TwoPoint(bench.device, mg.op)).max())
-        yield Row(f"D {label}: defect correction", rate(mg, mg.residual).max(), bar)
+        yield Target(f"D {label}: two-point part", rate(mg, TwoPoint(bench.device, mg.op)).max())
+        yield Target(f"D {label}: defect correction", rate(mg, mg.residual).max(), bar)
         plain, accelerated = cycles_needed(mg)
-        yield Row(f"D {label}: plain cycles to 1e-8", len(plain) - 1)
-        yield Row(f"D {label}: cycles of solve() to 1e-8", len(accelerated) - 1, most)
+        yield Target(f"D {label}: plain cycles to 1e-8", len(plain) - 1)
+        yield Target(f"D {label}: cycles of solve() to 1e-8", len(accelerated) - 1, most)
         bench.curves.setdefault("histories", {})[f"D {label}"] = (plain, accelerated)
 
 
-def orders(bench: Bench) -> Iterator[Row]:
+def orders(bench: Bench) -> Iterator[Target]:
     """Errors and orders on spheres with exact solutions."""
     eta = 1.1263  # A = 1.5
     diameters, absorbed = (20, 200, 200), (0.01, 0.001, 0.01)
@@ -149,30 +127,30 @@ def orders(bench: Bench) -> Iterator[Row]:
                 bar, least = own.get(what, (None, None))
                 coarse, fine = (table[n][what][channel] for n in (32, 64))
                 title = f"{name} {label}".strip() + f", {what}"
-                yield Row(f"{title}: error at 64 cells", fine, bar)
-                yield Row(f"{title}: order from 32 to 64", np.log2(coarse / fine), least, True)
+                yield Target(f"{title}: error at 64 cells", fine, bar)
+                yield Target(f"{title}: order from 32 to 64", np.log2(coarse / fine), least, at_least=True)
                 if not bench.quick:
                     finest = table[128][what][channel]
-                    yield Row(f"{title}: order from 64 to 128", np.log2(fine / finest), at_least=True)
+                    yield Target(f"{title}: order from 64 to 128", np.log2(fine / finest), at_least=True)
     for channel, label in enumerate(cases[0][2]):
         alone = problems.uniform_source((diameters[channel],) * 3, (absorbed[channel],) * 3, eta)
         yield from merged(bench, f"uniform source {label}", alone, channel, resolutions)
 
 
 def merged(bench: Bench, label: str, exact: problems.Exact, channel: int,
-           resolutions: tuple[int, ...]) -> Iterator[Row]:  # fmt: skip
+           resolutions: tuple[int, ...]) -> Iterator[Target]:  # fmt: skip
     """The octree of one channel's medium alone (the densest decides for all) against the uniform grid's errors."""
     tables = bench.curves["orders"]
     table = {n: errors(bench, exact, n, True) for n in resolutions}
     tables.setdefault("octree", table)
     for n in resolutions[2:]:
         uniform = tables["uniform source"][n]
-        yield Row(f"octree {n}, {label}: leaves over uniform", float(table[n]["leaves"][0] / uniform["leaves"][0]))
+        yield Target(f"octree {n}, {label}: leaves over uniform", float(table[n]["leaves"][0] / uniform["leaves"][0]))
         for what, bar in (("surface L2", 1.2), ("vertex L2", None), ("phi L2", None)):
-            yield Row(f"octree {n}, {label}, {what} over uniform", table[n][what][0] / uniform[what][channel], bar)
+            yield Target(f"octree {n}, {label}, {what} over uniform", table[n][what][0] / uniform[what][channel], bar)
 
 
-def plates(bench: Bench) -> Iterator[Row]:
+def plates(bench: Bench) -> Iterator[Target]:
     """Both sides of thin plates with a uniform source against the solution in one dimension."""
     width, depths = 60, (0.2, 1, 5)
     place = np.random.default_rng(0).uniform(-10, 10, (2000, 2))
@@ -191,12 +169,12 @@ def plates(bench: Bench) -> Iterator[Row]:
         fitted = fluence_at(bench.device, mg.op.octree, phi_B, on_plate, normals) / exact - 1
         for channel, depth in enumerate(depths):
             label = f"plate {thickness}h, sigma_tr h {depth}"
-            yield Row(f"{label}: surface L2", rms[channel], bar if depth == 1 else None)
-            yield Row(f"{label}: surface Linf, slivers included", worst[channel])
-            yield Row(f"{label}: Linf of fitted values", np.abs(fitted[:, channel]).max())
+            yield Target(f"{label}: surface L2", rms[channel], bar if depth == 1 else None)
+            yield Target(f"{label}: surface Linf, slivers included", worst[channel])
+            yield Target(f"{label}: Linf of fitted values", np.abs(fitted[:, channel]).max())
 
 
-def beams(bench: Bench) -> Iterator[Row]:
+def beams(bench: Bench) -> Iterator[Target]:
     """A tilted plate lit perpendicularly: the lit side against the slab's exact solution, and the power."""
     albedos, eta, thickness, width = np.array([0.9, 0.99, 0.999]), 1.3, 10.0, 96
     A, entering = fresnel_A(eta), float(fresnel_transmittance(np.ones(1), eta)[0])
@@ -214,7 +192,7 @@ def beams(bench: Bench) -> Iterator[Row]:
         area = tree.cut.boundary.get()[lit, 3]
         lost = found.incident * -np.expm1(-sigma_tr * thickness)
         power = np.abs(found.deposited / (albedos * lost) - 1).max()
-        yield Row(f"lit plate, sigma_tr h {depth}: power deposited over power lost - 1", power, 0.01)
+        yield Target(f"lit plate, sigma_tr h {depth}: power deposited over power lost - 1", power, 0.01)
         if not 0.5 <= depth <= 10:
             continue
         for channel, albedo in enumerate(albedos):
@@ -223,12 +201,12 @@ def beams(bench: Bench) -> Iterator[Row]:
             mean, rms = np.average(error, weights=area), np.sqrt(np.average(error**2, weights=area))
             label = f"lit plate, sigma_tr h {depth}, albedo {albedo}"
             bar = 0.02 if depth <= 5 and albedo >= 0.99 else 0.05
-            yield Row(f"{label}: |mean error| of the lit side", abs(mean), bar)
-            yield Row(f"{label}: rms error of the lit side", rms)
+            yield Target(f"{label}: |mean error| of the lit side", abs(mean), bar)
+            yield Target(f"{label}: rms error of the lit side", rms)
             bench.curves.setdefault("beams", []).append((depth, albedo, mean, rms))
 
 
-def lit_ball(bench: Bench) -> Iterator[Row]:
+def lit_ball(bench: Bench) -> Iterator[Target]:
     """A ball in a parallel beam against its expansion in Legendre polynomials: surface L2."""
     eta, radius, albedos = 1.3, 10.0, np.array([0.9, 0.99, 0.999])
     A, mesh, at = fresnel_A(eta), problems.round_ball(radius), np.linspace(-1, 1, 1001)
@@ -247,12 +225,12 @@ def lit_ball(bench: Bench) -> Iterator[Row]:
         for channel, albedo in enumerate(albedos):
             label = f"lit ball, sigma_tr diameter {diameter}, albedo {albedo}"
             coarse, fine = found_errors[32][channel], found_errors[64][channel]
-            yield Row(f"{label}: surface L2 at 32 cells", coarse)
-            yield Row(f"{label}: surface L2 at 64 cells", fine, 0.02 if albedo >= 0.99 else None)
-            yield Row(f"{label}: order from 32 to 64", np.log2(coarse / fine), at_least=True)
+            yield Target(f"{label}: surface L2 at 32 cells", coarse)
+            yield Target(f"{label}: surface L2 at 64 cells", fine, 0.02 if albedo >= 0.99 else None)
+            yield Target(f"{label}: order from 32 to 64", np.log2(coarse / fine), at_least=True)
 
 
-def rounding(bench: Bench) -> Iterator[Row]:
+def rounding(bench: Bench) -> Iterator[Target]:
     """What float32 costs: where the residual stalls, and the solution at the default tolerance."""
     single = Device(precision="single")
     medium = problems.layer(np.array([0.2, 1, 10]), np.array([1, 0.999, 0.99]))
@@ -263,14 +241,14 @@ def rounding(bench: Bench) -> Iterator[Row]:
         phi, found, convergence = solve(mg, [DirectionalLight((0, 0, -1))], tolerance)
         results.append((mg.residual.boundary_value(phi, found.moment).get()[:, :3], convergence))
     exact, (usual, convergence), (_, stalled) = results[0][0], results[1], results[2]
-    yield Row("float32: cycles to the default tolerance 1e-4", convergence.cycles, 6)
+    yield Target("float32: cycles to the default tolerance 1e-4", convergence.cycles, 6)
     for channel, name in enumerate(("diameter 4, albedo 1", "diameter 20, albedo .999", "diameter 200, albedo .99")):
         gap = np.abs(usual - exact)[:, channel].max() / exact[:, channel].max()
-        yield Row(f"float32, {name}: surface against float64, Linf", gap, 2e-4)
-        yield Row(f"float32, {name}: where the residual stalls", min(r[channel] for r in stalled.residuals), 3e-5)
+        yield Target(f"float32, {name}: surface against float64, Linf", gap, 2e-4)
+        yield Target(f"float32, {name}: where the residual stalls", min(r[channel] for r in stalled.residuals), 3e-5)
 
 
-GROUPS: dict[str, Callable[[Bench], Iterator[Row]]] = {
+GROUPS: dict[str, Callable[[Bench], Iterator[Target]]] = {
     "closure": closure, "factors": factors, "sizes": sizes, "media": media, "orders": orders, "plates": plates,
     "beams": beams, "ball": lit_ball, "rounding": rounding,
 }  # fmt: skip
@@ -290,7 +268,7 @@ def main() -> int:
             print(f"\n{name}: {(measure.__doc__ or '').strip()}")
             for row in measure(bench):
                 print(row, flush=True)
-                missed += row.missed
+                missed += row.verdict == "FAIL"
     if args.out:
         from convergence_plots import draw
 

@@ -12,25 +12,27 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Target:
-    """A measured figure and its bound; without a figure it was not measured in this run."""
+    """A measured figure and its bound; without a figure it was not measured in this run, without a bound it informs."""
 
     name: str
     figure: float | None
-    bound: float
+    bound: float | None = None
     unit: str = ""
     at_least: bool = False
 
     @property
     def verdict(self) -> str:
-        """pass, FAIL, or not run; what is no number fails."""
+        """pass, FAIL, not run, or nothing; what is no number fails."""
         if self.figure is None:
             return "not run"
+        if self.bound is None:
+            return ""
         met = self.figure >= self.bound if self.at_least else self.figure <= self.bound
         return "pass" if met else "FAIL"
 
     def __str__(self) -> str:
         figure = "-" if self.figure is None else f"{self.figure:.3g} {self.unit}"
-        bound = f"{'>=' if self.at_least else '<='} {self.bound:g} {self.unit}"
+        bound = "" if self.bound is None else f"{'>=' if self.at_least else '<='} {self.bound:g} {self.unit}"
         return f"{self.name:<64} {figure:>10}  {bound:<10}  {self.verdict}"
 
     def record(self) -> dict[str, Any]:

@@ -224,7 +224,7 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
         device.run(kernel, level.n, level.n, level.h, D[k], D[max(k - 1, 0)], sigma_a[k], level.nbr, level.parent,
                    level.is_leaf, _every_child(device, level), level.chain, octree.levels[k + 1].n,
                    octree.levels[k + 1].nbr, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
-    kernel = device.kernel("coefficients", "interpolation_weights", *defines)
+    kernel = device.kernel("interpolation", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
     for level, t in zip(octree.levels[1:], T[1:], strict=True):
         first, n = level.colour_start[1], level.n - level.colour_start[1]

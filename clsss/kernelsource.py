@@ -13,8 +13,8 @@ if not KERNEL_DIR.is_dir():
 _TOGETHER = (
     ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
      "exchange", "surface"),
-    ("coefficients", "around", "gradient", "correct", "smooth", "residual", "restrict", "junction", "source", "moment",
-     "layer", "attenuate", "entering"),
+    ("coefficients", "interpolation", "around", "gradient", "correct", "smooth", "residual", "restrict", "junction",
+     "source", "moment", "layer", "attenuate", "entering"),
 )  # fmt: skip
 
 

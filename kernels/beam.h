@@ -7,6 +7,7 @@ typedef struct {
     REAL distance; /* to the light */
 } Beam;
 
+/* The fourth component of p does not matter. */
 Beam beam_at(const REAL4 light, const REAL4 p) {
     const REAL4 flat = (REAL4)(1, 1, 1, 0);
     Beam beam = {light * flat, (REAL)1e30};

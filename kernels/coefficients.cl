@@ -14,7 +14,6 @@
 #include "conductance.h"
 #include "child.h"
 #include "pinning.h"
-#include "weight.h"
 #include "absorbing.h"
 
 COND across(const REAL area, const REAL d_i, const REAL d_j, const REAL4 D_i, const REAL4 D_j) {
@@ -27,8 +26,8 @@ COND across(const REAL area, const REAL d_i, const REAL d_j, const REAL4 D_i, co
 
 // cost finest_coefficients: 29R+6C+15M+28 B, 120 flop
 __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM D_coarse,
-                                  MEDIUM sigma_a, MEDIUM fitted, __global const int *restrict nbr, __global const int *restrict parent,
-                                  __global const int *restrict cut_index,
+                                  MEDIUM sigma_a, MEDIUM fitted, __global const int *restrict nbr,
+                                  __global const int *restrict parent, __global const int *restrict cut_index,
                                   __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
                                   __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
                                   __global const Place *restrict face_centroid, __global COND *restrict T,
@@ -44,12 +43,13 @@ __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_
             T[6 * i + f] = across(h * h, h / 2, h, AT(D, i), AT(D_coarse, parent[j]));
         } else {
             const int other = cut_index[j], up = f & 1;
-            const Face face = face_between(f >> 1, up ? cut : other, up ? other : cut, centroid, aperture, face_centroid);
+            const int low = up ? cut : other, high = up ? other : cut;
+            const Face face = face_between(f >> 1, low, high, centroid, aperture, face_centroid);
             T[6 * i + f] = across(face.area * h * h, face.delta * h / 2, face.delta * h / 2, AT(D, i), AT(D, j));
         }
     }
-    const REAL4 volume = absorbing_volume(i, n, h, fresnel_A, D, sigma_a, fitted, nbr, cut_index, centroid, boundary, normal,
-                                          aperture, face_centroid);
+    const REAL4 volume = absorbing_volume(i, n, h, fresnel_A, D, sigma_a, fitted, nbr, cut_index, centroid, boundary,
+                                          normal, aperture, face_centroid);
     REAL4 sink = AT(sigma_a, i) * (h * h * h) * volume;
     if (cut >= 0) {
         const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.1);
@@ -92,30 +92,4 @@ __kernel void coarse_coefficients(const int n, const REAL h, MEDIUM D, MEDIUM D_
     }
     absorb[i] = is_leaf[i] ? SCALE(AT(sigma_a, i) * (h * h * h), AT(D, i))
                            : absorb_of_children(i, n_fine, child, chain, nbr_fine, T_fine, absorb_fine);
-}
-
-/* Weights of the prolongation (weight.h). Linear between centres for constant D; by the resistances between them
- * otherwise. */
-// cost interpolation_weights: 9C+17 B, 30 flop
-__kernel void interpolation_weights(const int first, const int n, const int n_cells,
-                                    __global const uchar *restrict octant, __global const int *restrict nbr,
-                                    __global const COND *restrict T, __global uchar4 *restrict weight) {
-    const int k = get_global_id(0), i = first + k;
-    if (k >= n) return;
-    REAL w[3];
-    for (int d = 0; d < 3; d++) {
-        const int up = octant[k] >> d & 1, f = 2 * d + up, j = nbr[6 * i + f];
-        const REAL out = MEAN(T[6 * i + f]), sibling = MEAN(T[6 * i + (f ^ 1)]);
-        w[d] = 0;
-        if (j == i || !(out > 0)) continue;
-        const REAL in = sibling > 0 ? sibling : out;
-        REAL beyond = 1 / out;
-        const REAL next = j < n_cells ? MEAN(T[6 * j + f]) : 0;
-        if (j < n_cells) beyond += 1 / (2 * (next > 0 ? next : out));
-        w[d] = (1 / (2 * in)) / (1 / (2 * in) + beyond);
-    }
-    const REAL scale = WHOLE / fmax((REAL)1, w[0] + w[1] + w[2]);
-    int share[3], left = WHOLE;
-    for (int d = 0; d < 3; d++) left -= share[d] = min(left, convert_int_rte(scale * w[d]));
-    weight[k] = convert_uchar4((int4)(share[0], share[1], share[2], octant[k]));
 }

@@ -7,7 +7,6 @@ REAL4 towards_light(const REAL4 light, const REAL4 corner, const REAL width, con
     if (axis == 0) p.x = corner.x + up * width;
     if (axis == 1) p.y = corner.y + up * width;
     if (axis == 2) p.z = corner.z + up * width;
-    p.w = 0;
     return beam_at(light, p).towards;
 }
 

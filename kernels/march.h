@@ -71,7 +71,8 @@ Passage march(const Body body, Rays rays) {
         for (int a = 0; a < 3; a++) {
             const INTN beyond = CHOOSE(axis[a].low - 1, axis[a].high + 1, convert_INTN(axis[a].inverse > 0));
             const INTN at = convert_INTN(axis[a].from.all + t.all * axis[a].to.all);
-            const INTN next = CHOOSE(clamp(at, axis[a].low, axis[a].high), beyond, convert_INTN(axis[a].leave <= least));
+            const INTN leaves = convert_INTN(axis[a].leave <= least);
+            const INTN next = CHOOSE(clamp(at, axis[a].low, axis[a].high), beyond, leaves);
             axis[a].cell.all = CHOOSE(axis[a].cell.all, next, on);
         }
     }

@@ -23,13 +23,11 @@ __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light,
     if (c >= n) return;
     const int i = cut_cell[c];
     const REAL4 nrm = unit_normal(normal[c]);
-    REAL4 p = corner_of(i, position) + boundary[c];
-    p.w = 0;
     const REAL d = h * depth_below(centroid[c], boundary[c], nrm, 0.05);
     const REAL4 x2 = depth2(FITTED_AT(fitted, i), d / h, normal[c], boundary[c]);
     const REAL4 s = any_fitted(x2) ? sinh_over(x2) / cosh(sqrt(x2)) : (REAL4)(1);
     const REAL4 mean = near_mean(F_B[c], F[i], x2);
-    const REAL inward = dot(beam_at(light, p).towards.xyz, nrm.xyz);
+    const REAL inward = dot(beam_at(light, corner_of(i, position) + boundary[c]).towards.xyz, nrm.xyz);
     const REAL4 first = -inward * 3 * g * AT(D, i) * AT(sigma_s, i) * mean;
     r_B[c] += d / AT(D, i) * s * (inward * albedo(sigma_a, sigma_s, i) * (F_B[c] - mean) + first);
     if (wall) wall[c] += first;

@@ -8,8 +8,8 @@
 
 /* Of n rays, the cut cell met, or -1; the extinction is so large that rays end there. One work-item for LANES rays. */
 // cost first_met: 96R+64 B, 8000 flop  (16 lanes)
-__kernel void first_met(const int n, BODY, __global const REAL *restrict origin, __global const REAL *restrict direction,
-                        __global int *restrict met) {
+__kernel void first_met(const int n, BODY, __global const REAL *restrict origin,
+                        __global const REAL *restrict direction, __global int *restrict met) {
     const int first = LANES * get_global_id(0), count = min(LANES, n - first);
     if (count <= 0) return;
     const Body body = BODY_ARGUMENTS;

@@ -68,8 +68,7 @@ __kernel void scattered_once(const int n, const int n_depths, const REAL h, cons
         int code[LANES];
         for (int l = 0; l < LANES; l++) {
             const REAL s = -log(1 - top * nodes[min(first + l, n_depths - 1)].x) / rate;
-            REAL4 x = p - s * inside;
-            x.w = 0;
+            const REAL4 x = p - s * inside;
             const int4 c = convert_int4(floor(x));
             code[l] = first + l < n_depths && s < clear ? leaf_code(body.tree, c.x, c.y, c.z) : -1;
             const int cut = code[l] < 0 || code[l] & 15 ? -1 : cut_index[code[l] >> 4];

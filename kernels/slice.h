@@ -1,6 +1,6 @@
 /* slice.h -- what rays cross of cut cells, all lanes at once. Needs body.h and rays.h. */
 
-/* Planes n . x = offset of the boundary, x from a cell's corner; where n is 0 the cell is inside by a share, `offset`. */
+/* Planes n . x = offset of the boundary, x from a cell's corner; where n is 0 `offset` is the share that is inside. */
 typedef struct {
     Reals n[3], offset;
     Ints cut;

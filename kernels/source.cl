@@ -23,18 +23,17 @@
 // cost deposit_finest: 88R+28M+50 B, 300 flop
 __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL fresnel_A, const REAL4 light, MEDIUM D,
                              MEDIUM sigma_a, MEDIUM sigma_s, MEDIUM D_coarse, MEDIUM sigma_s_coarse, MEDIUM fitted,
-                             __global const ushort *restrict position,
-                             __global const int *restrict nbr, __global const int *restrict parent,
-                             __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
-                             __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                             __global const ushort *restrict position, __global const int *restrict nbr,
+                             __global const int *restrict parent, __global const int *restrict cut_index,
+                             __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
+                             __global const REAL4 *restrict normal,
                              __global const REAL *restrict aperture, __global const Place *restrict face_centroid,
                              __global const REAL4 *restrict F_B, __global const REAL4 *restrict F,
                              __global REAL *restrict Q, __global REAL4 *restrict lost) {
     const int i = get_global_id(0);
     if (i >= n) return;
     const REAL4 corner = corner_of(i, position), a = albedo(sigma_a, sigma_s, i);
-    const REAL4 own = first_moment(g, D, sigma_s, i);
-    const REAL4 k2 = FITTED_AT(fitted, i);
+    const REAL4 own = first_moment(g, D, sigma_s, i), k2 = FITTED_AT(fitted, i);
     const int cut = cut_index[i];
     REAL4 sum = (REAL4)(0), on_the_way = (REAL4)(0);
     for (int f = 0; f < 6; f++) {
@@ -62,9 +61,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
         if (cut >= 0 && any_fitted(x2)) on_the_way += flux * (mean - near_mean(F_j, F_i, x2)) / (c < 0 ? 1 : 2);
     }
     if (cut >= 0) {
-        REAL4 p = corner + boundary[cut];
-        p.w = 0;
-        const REAL inward = dot(beam_at(light, p).towards.xyz, normal[cut].xyz);
+        const REAL inward = dot(beam_at(light, corner + boundary[cut]).towards.xyz, normal[cut].xyz);
         const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.05);
         const REAL4 x2 = depth2(k2, d, normal[cut], boundary[cut]);
         sum += inward * a * F_B[cut];
@@ -93,8 +90,9 @@ __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int 
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
         if (j == i || (j < n && !is_leaf[j])) continue;
-        const REAL4 other = j < n ? first_moment(g, D, sigma_s, j) : first_moment(g, D_coarse, sigma_s_coarse, parent[j]);
-        sum -= outward(towards_light(light, corner, width, f), f) * (a + (own + other) / 2) * log_mean(F[i], F[j]);
+        const REAL4 both = own + (j < n ? first_moment(g, D, sigma_s, j)
+                                        : first_moment(g, D_coarse, sigma_s_coarse, parent[j]));
+        sum -= outward(towards_light(light, corner, width, f), f) * (a + both / 2) * log_mean(F[i], F[j]);
     }
     vstore3((colours_at(i, Q) + h * h * sum).xyz, i, Q);
 }
@@ -115,8 +113,8 @@ __kernel void deposit_interface(const int n, const int n_fine, const REAL h_fine
     for (int k = interface_start[m]; k < interface_start[m + 1]; k++) {
         const int i = ghost_face[k] / 6, f = ghost_face[k] % 6;
         const REAL4 corner = width * corner_of(i, position_fine);
-        const REAL4 both = own + first_moment(g, D_fine, sigma_s_fine, i);
-        sum += outward(towards_light(light, corner, width, f), f) * (a + both / 2) * log_mean(F_fine[i], F_fine[n_fine + k]);
+        const REAL4 mean = log_mean(F_fine[i], F_fine[n_fine + k]), other = first_moment(g, D_fine, sigma_s_fine, i);
+        sum += outward(towards_light(light, corner, width, f), f) * (a + (own + other) / 2) * mean;
     }
     vstore3((colours_at(interface[m], Q) + h_fine * h_fine * sum).xyz, interface[m], Q);
 }
