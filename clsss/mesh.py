@@ -20,7 +20,7 @@ import numpy as np
 
 from clsss import meshfile
 from clsss.errors import InputError
-from clsss.halfedges import cross, sides
+from clsss.halfedges import areas, cross, runs, sides
 from clsss.rays import RayCaster, contains
 from clsss.repair import Repaired, repair
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 __all__ = ["Mesh", "RayCaster", "contains", "load_mesh", "opaque_triangles"]
 
 MOST_CAPS = 0.25  # share of the surface that holes' caps may be until that is said
-SOME = 1 << 16  # triangles at a time, so that sums over them take little memory
 _FLAT = 1e-7  # volume over area times length: what rounding to float32 leaves of zero
 
 
@@ -46,8 +45,9 @@ class Mesh:
         What to draw, wound outward; indices into `vertices`.
     normals : (v, 3) float64
         Unit outward normals, weighted by angle over the welded surface; 0 where no face uses the vertex.
-    triangles : (m, 3, 3) float64
-        Oriented surface that bounds the solid: welded faces and caps over holes [mm].
+    solid : (m, 3) int32
+        Oriented surface that bounds the solid: welded faces and caps over holes. Indices into `points`:
+        the vertices, then the centroids.
     closed : bool
         Whether every directed edge of `triangles` is matched by its reverse. Where it is not, the winding
         number is not an integer.
@@ -56,21 +56,33 @@ class Mesh:
         ``scale`` (mm per unit of the input), ``seconds`` (to load).
     name : str
         File name, or "mesh".
+    centroids : (c, 3) float64
+        Where the caps' triangles meet [mm].
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     normals: np.ndarray
-    triangles: np.ndarray
+    solid: np.ndarray
     closed: bool
     report: dict[str, Any] = field(default_factory=dict)
     name: str = "mesh"
+    centroids: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def triangles(self) -> np.ndarray:
+        """Triangles (m, 3, 3) of `solid` [mm], gathered at each use: they take several times what else is kept."""
+        return self.points[self.solid]
+
+    @property
+    def points(self) -> np.ndarray:
+        """What `solid` indexes (p, 3) [mm]."""
+        return np.concatenate([self.vertices, self.centroids]) if len(self.centroids) else self.vertices
 
     @cached_property
     def bounds(self) -> np.ndarray:
         """Lower and upper corner (2, 3) of the solid's bounding box [mm]."""
-        columns = self.triangles.reshape(-1, 3).T
-        return np.array([[x.min() for x in columns], [x.max() for x in columns]])
+        return _box(self.points, self.solid)
 
     @cached_property
     def size(self) -> float:
@@ -81,12 +93,12 @@ class Mesh:
     def area_and_volume(self) -> tuple[float, float]:
         """Area [mm^2] of the surface that bounds the solid, and the volume [mm^3] in it."""
         area = volume = 0.0
-        for first in range(0, len(self.triangles), SOME):
-            some = self.triangles[first : first + SOME] - self.bounds.mean(axis=0)
-            a, b, c = np.moveaxis(some, 0, 2).copy()
-            normal = cross(b - a, c - a)
+        columns = np.subtract(self.points, self.bounds.mean(axis=0), order="F").T
+        for some in runs(len(self.solid)):
+            ab, _, ca = sides(columns, self.solid[some])
+            normal = cross(ca, ab)
             area += np.sqrt(np.einsum("ij,ij->j", normal, normal)).sum() / 2
-            volume += np.einsum("ij,ij->", a, normal) / 6
+            volume += np.einsum("ij,ij->", columns.take(self.solid[some, 0], axis=1), normal) / 6
         return float(area), float(abs(volume))
 
 
@@ -143,22 +155,22 @@ def load_mesh(
     box, longest = _bounding_box(vertices, faces, name)
     centre = box.mean(axis=0)
     try:
-        repaired = repair((vertices - centre) / longest, faces) if solid else _as_is(vertices, faces)
+        repaired = repair(vertices, faces, centre, longest) if solid else _as_is(vertices, faces)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-    mesh = _scaled(vertices, faces, repaired, centre, longest, length, name)
+    del faces
+    mesh = _scaled(vertices, repaired, centre, longest, length, name)
     if solid:
         require_volume(mesh)
-        _warn_of_caps(mesh, np.any(repaired.solid >= len(repaired.first), axis=1))
+        _warn_of_caps(mesh)
     mesh.report["seconds"] = perf_counter() - start
     return mesh
 
 
 def _as_is(vertices: np.ndarray, faces: np.ndarray) -> Repaired:
     """Nothing repaired."""
-    every, faces_kept = np.arange(len(vertices)), np.arange(len(faces))
-    untouched = np.zeros(len(faces), bool)
-    return Repaired(faces_kept, untouched, every, every, faces, np.zeros((0, 3)), False, False, [])
+    every = np.arange(len(vertices))
+    return Repaired(faces, every, faces, np.zeros((0, 3)), False, False, [])
 
 
 def _used(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -168,13 +180,19 @@ def _used(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return used
 
 
+def _box(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Lower and upper corner (2, 3) of the box of the points that faces use."""
+    used = _used(points, faces)
+    columns = (points if used.all() else points[used]).T
+    return np.array([[x.min() for x in columns], [x.max() for x in columns]])
+
+
 def _bounding_box(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.ndarray, float]:
     """Corners (2, 3) of the box of the vertices faces use, and its longest side."""
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(bad):
         raise InputError(f"{name}: vertex {bad[0]} has a coordinate that is not a finite number")
-    used = vertices[_used(vertices, faces)].T
-    box = np.array([[x.min() for x in used], [x.max() for x in used]])
+    box = _box(vertices, faces)
     with np.errstate(over="ignore"):
         longest = float(np.ptp(box, axis=0).max())
     if not 1e-290 < longest < 1e290:  # scaling must not overflow
@@ -183,37 +201,27 @@ def _bounding_box(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[n
 
 
 def _scaled(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    repaired: Repaired,
-    centre: np.ndarray,
-    longest: float,
-    length: float | None,
-    name: str,
+    vertices: np.ndarray, repaired: Repaired, centre: np.ndarray, longest: float, length: float | None, name: str
 ) -> Mesh:
-    """The repaired mesh in millimetres."""
-    drawn = faces[repaired.kept]
-    drawn = np.where(repaired.turned[:, None], drawn[:, ::-1], drawn).astype(np.int32)
-    used = _used(vertices, drawn)
-    extent = float(np.ptp(vertices[used], axis=0).max()) if len(drawn) else longest
+    """The repaired mesh in millimetres; the vertices are scaled where they are."""
+    faces, repairs = repaired.faces, list(repaired.repairs)
+    extent = float(np.ptp(_box(vertices, faces), axis=0).max()) if len(faces) else longest
     scale = 1.0 if length is None else length / extent
-    points = vertices * scale
-    corners = np.concatenate([points[repaired.first], (repaired.centroids * longest + centre) * scale])
-    triangles = corners[repaired.solid]
-    repairs = list(repaired.repairs)
     reach = float(np.abs(centre).max())
     if longest < 1e-5 * reach and (vertices == vertices.astype(np.float32)).all():
         repairs.append("the mesh lies so far from its origin that single precision has rounded its shape")
     report = {
-        "faces": len(drawn),
+        "faces": len(faces),
         "vertices": len(vertices),
         "closed": repaired.was_closed,
         "repairs": repairs,
         "size_mm": extent * scale,
         "scale": scale,
     }
-    normals = _normals((vertices - centre) / longest, drawn, used, repaired.welded)
-    return Mesh(points, drawn, normals, triangles, repaired.closed, report, name)
+    normals = _normals(vertices, faces, centre, longest, repaired.welded)
+    vertices *= scale
+    solid = faces if np.array_equal(faces, repaired.solid) else repaired.solid
+    return Mesh(vertices, faces, normals, solid, repaired.closed, report, name, repaired.centroids * scale)
 
 
 def require_volume(mesh: Mesh) -> None:
@@ -223,17 +231,17 @@ def require_volume(mesh: Mesh) -> None:
     ------
     InputError
     """
-    area, volume = mesh.area_and_volume if len(mesh.triangles) else (0.0, 0.0)
+    area, volume = mesh.area_and_volume if len(mesh.solid) else (0.0, 0.0)
     if not (volume > 0 and volume > _FLAT * area * mesh.size):
         raise InputError(f"{mesh.name}: its surface holds no volume; clsss needs a solid with an inside")
 
 
-def _warn_of_caps(mesh: Mesh, is_cap: np.ndarray) -> None:
-    """Say so where much of the surface (m,) was made up: a sheet, or the half of an object."""
-    if not is_cap.any():
+def _warn_of_caps(mesh: Mesh) -> None:
+    """Say so where much of the surface was made up: a sheet, or the half of an object."""
+    if not len(mesh.centroids):
         return
-    a, b, c = np.moveaxis(mesh.triangles, 1, 0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = areas(mesh.points, mesh.solid)
+    is_cap = (mesh.solid >= len(mesh.vertices)).any(axis=1)
     if (share := area[is_cap].sum() / area.sum()) > MOST_CAPS:
         found = f"{100 * share:.0f} % of its surface are caps over holes"
         mesh.report["repairs"].append(found)
@@ -241,20 +249,29 @@ def _warn_of_caps(mesh: Mesh, is_cap: np.ndarray) -> None:
         warnings.warn(f"{mesh.name}: {found}: {advice}", stacklevel=3)
 
 
-def _normals(points: np.ndarray, faces: np.ndarray, used: np.ndarray, welded: np.ndarray) -> np.ndarray:
+def _normals(
+    vertices: np.ndarray, faces: np.ndarray, centre: np.ndarray, longest: float, welded: np.ndarray
+) -> np.ndarray:
     """Vertex normals (v, 3): the sum over the faces at a position, each times its angle there."""
-    ab, bc, ca = sides(points, faces)
-    normal = cross(ca, ab)
-    length = np.sqrt(np.einsum("ij,ij->j", normal, normal))
-    normal /= np.maximum(length, np.finfo(float).tiny)
-    n = int(welded.max()) + 1
-    total = np.zeros((n, 3))
-    for k, (to, back) in enumerate(((ab, ca), (bc, ab), (ca, bc))):
-        angle = np.arctan2(length, -np.einsum("ij,ij->j", to, back))
-        corner = welded[faces[:, k]]
-        for axis in range(3):
-            total[:, axis] += np.bincount(corner, angle * normal[axis], minlength=n)
-    total /= np.maximum(np.linalg.norm(total, axis=1), np.finfo(float).tiny)[:, None]
-    out = np.zeros_like(points)
-    out[used] = total[welded[used]]
+    columns = np.subtract(vertices, centre, order="F").T
+    columns /= longest
+    total = np.zeros((3, 3, int(welded.max()) + 1))  # of each corner of the faces apart
+    for some in runs(len(faces)):
+        ab, bc, ca = sides(columns, faces[some])
+        normal = cross(ca, ab)
+        length = np.sqrt(np.einsum("ij,ij->j", normal, normal))
+        normal /= np.maximum(length, np.finfo(float).tiny)
+        for k, (to, back) in enumerate(((ab, ca), (bc, ab), (ca, bc))):
+            angle = np.arctan2(length, -np.einsum("ij,ij->j", to, back))
+            corner = welded[faces[some, k]]
+            for axis in range(3):
+                np.add.at(total[k, axis], corner, angle * normal[axis])
+    del columns
+    summed = total[0] + total[1]
+    summed += total[2]
+    del total
+    summed /= np.maximum(np.linalg.norm(summed, axis=0), np.finfo(float).tiny)
+    out, used = np.zeros_like(vertices), _used(vertices, faces)
+    for axis in range(3):
+        out[used, axis] = summed[axis, welded[used]]
     return out

@@ -38,7 +38,7 @@ def read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     -------
     vertices : (v, 3) float64
         Every vertex of the file [file units].
-    faces : (f, 3) int64
+    faces : (f, 3) int32
         Indices into `vertices`; polygons are split into fans.
 
     Raises
@@ -60,7 +60,7 @@ def from_trimesh(mesh: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and triangles of a `trimesh.Trimesh` or scene, as `read` gives those of a file."""
     try:
         mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh
-        vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+        vertices, faces = np.array(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     except (AttributeError, TypeError, ValueError) as error:
         kind = type(mesh).__name__
         raise InputError(f"mesh: a {kind} is neither a path nor a trimesh.Trimesh with triangles") from error
@@ -77,7 +77,7 @@ def _checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.nda
             f"{name}: triangle {bad} names vertex {index}, but there are only {len(vertices)} vertices, "
             "counted from 0"
         )
-    return vertices, faces
+    return vertices, np.array(faces, np.int32)
 
 
 def _contents(path: Path) -> tuple[bytes, str]:
@@ -181,12 +181,12 @@ def _read_ply(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
         if element == "vertex" and count:
             if any(axis not in columns for axis in "xyz"):
                 raise InputError(f"{name}: the PLY vertices have no x, y, z")
-            vertices = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
+            vertices = np.stack([columns[axis] for axis in "xyz"], axis=1, dtype=np.float64)
         elif element == "face" and count:
             lists = next((columns[label] for label in _INDICES if label in columns), None)
             with np.errstate(invalid="ignore"):  # what is no index in a text becomes one out of range
                 if isinstance(lists, np.ndarray) and lists.shape[1] == 3:
-                    faces = lists.astype(np.int64)
+                    faces = lists if lists.dtype.kind in "iu" else lists.astype(np.int64)
                 elif lists is not None:
                     faces = _fan([np.asarray(row).astype(np.int64).tolist() for row in lists])
     return vertices, faces
@@ -272,7 +272,7 @@ def _read_with_trimesh(path: Path, data: bytes, suffix: str) -> tuple[np.ndarray
             io.BytesIO(data) if compressed else path, file_type=suffix[1:], process=False, skip_materials=True
         )
         mesh = scene.to_mesh()
-        vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+        vertices, faces = np.array(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     except BaseException as error:  # readers of damaged files may raise anything
         if isinstance(error, (KeyboardInterrupt, SystemExit, MemoryError)):
             raise

@@ -155,7 +155,7 @@ def estimate(
     scene = make_scene(mesh.triangles, medium, sources, device, opaque)
     if forward:
         radius = radius or PATCH * mesh.size
-        there = outward_normals(mesh.triangles[triangle[on]])
+        there = outward_normals(mesh.points[mesh.solid[triangle[on]]])
         patches = photons.patches(mesh.triangles, at[on], there, radius)
         lit = launched(scene, sources, mesh)
         results, energy = photons.trace(scene, lit, patches, n_paths * n, medium.eta, walk)
@@ -191,7 +191,7 @@ def _tell(mesh: Mesh, lost: float, capped: float) -> None:
     if lost > LEAK:
         corners = np.unique(mesh.triangles.reshape(-1, 3), axis=0, return_inverse=True)
         edges = half_edges(corners[1].reshape(-1, 3))
-        gaps = corners[0][edges.ends[edges.net != 0]].mean(axis=1)
+        gaps = corners[0][edges.ends(np.flatnonzero(edges.net))].mean(axis=1)
         text = "it is closed, but has triangles too small for single precision"
         for x, y, z in gaps[:1]:
             text = f"{len(gaps)} of its edges are open, near ({x:.3g}, {y:.3g}, {z:.3g}) mm for one"

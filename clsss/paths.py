@@ -32,7 +32,7 @@ def anchors(mesh: Mesh, points: np.ndarray, normals: np.ndarray | None) -> tuple
         Of `mesh.triangles`; -1 where none is near.
     """
     caster, near = RayCaster(mesh.triangles), NEAR * mesh.size
-    outward = np.cross(*np.diff(mesh.triangles, axis=1).transpose(1, 0, 2))
+    outward = np.cross(*np.diff(caster.triangles, axis=1).transpose(1, 0, 2))
     best, triangle, place = np.full(len(points), np.inf), np.full(len(points), -1), points.copy()
     # rays aim a little inside, or they would pass by the points that lie on convex edges
     aim = points if normals is None else points - 0.05 * near * normals
@@ -46,14 +46,15 @@ def anchors(mesh: Mesh, points: np.ndarray, normals: np.ndarray | None) -> tuple
         better = hit & (off < best)
         best[better], triangle[better] = off[better], index[better]
         place[better] = aim[better] + (t[better, None] - near) * axis
-    a, b, c = np.moveaxis(mesh.triangles[triangle], 1, 0)
+    met = caster.triangles[triangle]
+    a, b, c = np.moveaxis(met, 1, 0)
     normal = outward[triangle]
     squared = np.maximum(np.einsum("ij,ij->i", normal, normal), np.finfo(float).tiny)
     v = np.einsum("ij,ij->i", np.cross(place - a, c - a), normal) / squared
     w = np.einsum("ij,ij->i", np.cross(b - a, place - a), normal) / squared
     weight = np.clip(np.stack([1 - v - w, v, w], axis=1), INSET, 1)
     weight /= weight.sum(axis=1, keepdims=True)
-    return np.einsum("ij,ijk->ik", weight, mesh.triangles[triangle]), triangle
+    return np.einsum("ij,ijk->ik", weight, met), triangle
 
 
 def trace(

@@ -104,7 +104,7 @@ def blockers_from(args: argparse.Namespace, mesh: Mesh) -> list[Mesh]:
 
     scale = mesh.report["scale"]
     blockers = [load_mesh(path, solid=False) for path in args.blockers or ()]
-    return [replace(b, vertices=b.vertices * scale, triangles=b.triangles * scale) for b in blockers]
+    return [replace(b, vertices=b.vertices * scale, centroids=b.centroids * scale) for b in blockers]
 
 
 def size_note(args: argparse.Namespace, mesh: Mesh) -> str:

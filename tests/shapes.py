@@ -26,7 +26,7 @@ def solid(triangles: np.ndarray, closed: bool = True) -> Mesh:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     report = {"faces": len(faces), "vertices": len(vertices), "closed": closed, "repairs": []}
     report["size_mm"] = float(np.ptp(vertices, axis=0).max())
-    return Mesh(vertices, faces, np.repeat(normals, 3, axis=0), vertices[faces], closed, report, "solid")
+    return Mesh(vertices, faces, np.repeat(normals, 3, axis=0), faces, closed, report, "solid")
 
 
 def sphere_triangles(radius: float = 10.0, subdivisions: int = 5, centre: Any = (0.0, 0.0, 0.0)) -> np.ndarray:

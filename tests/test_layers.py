@@ -29,6 +29,7 @@ LAYERS = {
         "bvh",
     ],
     0.1: ["sparsematrix", "media", "lights", "rays", "options", "opengl", "overlay", "winding", "tomlfile", "paint"],
+    0.15: ["orientation"],
     0.2: ["repair", "renderer", "doctor", "triangles"],
     0.3: ["mesh"],
     0.4: ["validity", "volumes", "thickness"],

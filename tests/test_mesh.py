@@ -4,6 +4,7 @@ import gzip
 import json
 import os
 import struct
+import tracemalloc
 import warnings
 from pathlib import Path
 
@@ -382,6 +383,19 @@ def test_stl_is_told_by_its_size(tmp_path):
         load_mesh(path)
     path.write_text(trimesh.exchange.stl.export_stl_ascii(sphere()))
     assert load_mesh(path).closed
+
+
+def test_memory_of_loading(tmp_path):
+    """Positions, triangles and normals are kept, of triangles some at a time while they are made."""
+    path = tmp_path / "ball.ply"
+    sphere(6).export(path)
+    tracemalloc.start()
+    mesh = load_mesh(path)
+    kept, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(mesh.faces) == 81920
+    assert kept < 2.5 * path.stat().st_size
+    assert peak < 9 * path.stat().st_size
 
 
 def test_scene_is_merged():

@@ -59,7 +59,7 @@ def triangles_of(mesh_triangles):
     vertices = mesh_triangles.reshape(-1, 3)
     faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
     normals = np.repeat(np.cross(*np.diff(mesh_triangles, axis=1).transpose(1, 0, 2)), 3, axis=0)
-    return Mesh(vertices, faces, normals / np.linalg.norm(normals, axis=1)[:, None], mesh_triangles, True)
+    return Mesh(vertices, faces, normals / np.linalg.norm(normals, axis=1)[:, None], faces, True)
 
 
 # ---------------------------------------------------------------- pieces
@@ -432,7 +432,7 @@ def test_unused_vertices_have_no_radiosity():
         np.vstack([mesh.vertices, [[50, 0, 0]]]),
         mesh.faces,
         np.vstack([mesh.normals, [[0, 0, 0]]]),
-        mesh.triangles,
+        mesh.solid,
         True,
     )
     e = estimate(loose, Material(0.5, 1.0), [DOWN], 5)
