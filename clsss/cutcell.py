@@ -191,7 +191,7 @@ def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
     -------
     Samples
     """
-    surface, pieces = whole_and_pieces(device, grid.to_cells, mesh.triangles)
+    surface, pieces = whole_and_pieces(device, grid.to_cells(mesh.points), mesh.solid)
     bricks, block, touched = _touch(device, grid, pieces)
     cells = bricks.cells(np.flatnonzero(touched))
     needed, owners = np.zeros(len(touched), bool), np.empty((len(cells), 8), np.int32)
@@ -224,7 +224,7 @@ def sample_surface(device: Device, grid: Grid, mesh: Mesh) -> Samples:
     state = device.empty(len(cells), np.uint8)
     kernel = device.kernel("distance", "classify")
     device.run(kernel, len(cells), len(cells), device.array(owners), distance, state)
-    some = grid.to_cells(mesh.triangles[:: -(-len(mesh.triangles) // LOOKED_AT)])
+    some = grid.to_cells(mesh.points[mesh.solid[:: -(-len(mesh.solid) // LOOKED_AT)]])
     thickness = thickness_below(device, grid.dims, block, len(touched), bricks.entry, some, pieces)
     return Samples(cells, state.get(), owners, distance, inside, thickness)
 

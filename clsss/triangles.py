@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ def _is_long(triangles: np.ndarray, longest: float) -> np.ndarray:
 
 def split_long(triangles: np.ndarray, longest: float) -> np.ndarray:
     """Split triangles (m, 3, 3) at their edges' midpoints until no edge is longer than `longest`."""
-    done = []
+    done = [triangles[:0]]
     while len(triangles):
         is_long = _is_long(triangles, longest)
         done.append(triangles[~is_long])
@@ -36,35 +35,41 @@ class Triangles:
     Parameters
     ----------
     device : Device
-    triangles : (m, 9) real
+    points : (p, 3) float
         [cells]
+    corners : (m, 3) int
+        Of each triangle, as indices into `points`.
     """
 
-    def __init__(self, device: Device, triangles: np.ndarray):
-        self._device, self._triangles = device, triangles
-        self._held = device.empty((min(len(triangles), CHUNK), 9))
-        if len(triangles) <= CHUNK:
-            self._held.set(triangles)
+    def __init__(self, device: Device, points: np.ndarray, corners: np.ndarray):
+        self._device, self._points, self._corners = device, points.astype(device.real), corners
+        self._held = device.empty((min(len(corners), CHUNK), 9))
+        if len(corners) <= CHUNK:
+            self._hold(corners)
+
+    def _hold(self, corners: np.ndarray) -> None:
+        self._held.rows(0, len(corners)).set(self._points[corners].reshape(-1, 9))
 
     def run(self, kernel: Any, before: tuple[Any, ...], after: tuple[Any, ...]) -> None:
         """Enqueue `kernel` with ``(n, *before, triangles, *after)``."""
-        for first in range(0, len(self._triangles), CHUNK):
-            part = self._triangles[first : first + CHUNK]
-            if len(self._triangles) > CHUNK:
-                self._held.rows(0, len(part)).set(part)
+        for first in range(0, len(self._corners), CHUNK):
+            part = self._corners[first : first + CHUNK]
+            if len(self._corners) > CHUNK:
+                self._hold(part)
             self._device.run(kernel, len(part), len(part), *before, self._held, *after)
 
 
-def whole_and_pieces(device: Device, to_cells: Callable[[np.ndarray], np.ndarray],
-                     triangles: np.ndarray) -> tuple[Triangles, Triangles]:  # fmt: skip
-    """Triangles (m, 3, 3) [mm] as kernels take them, as they are and split where they are long."""
-    whole, is_long = np.empty((len(triangles), 9), device.real), np.zeros(len(triangles), bool)
-    split: list[np.ndarray] = []
-    for first in range(0, len(triangles), CHUNK):
+def whole_and_pieces(device: Device, points: np.ndarray, corners: np.ndarray) -> tuple[Triangles, Triangles]:
+    """Triangles as kernels take them, as they are and split where they are long; arguments as of `Triangles`."""
+    is_long, split = np.zeros(len(corners), bool), [points]
+    for first in range(0, len(corners), CHUNK):
         part = slice(first, first + CHUNK)
-        some = to_cells(triangles[part])
-        whole[part], is_long[part] = some.reshape(-1, 9), _is_long(some, LONGEST_EDGE)
-        if is_long[part].any():
-            split.append(split_long(some[is_long[part]], LONGEST_EDGE).reshape(-1, 9).astype(device.real))
-    surface = Triangles(device, whole)
-    return surface, Triangles(device, np.concatenate([whole[~is_long], *split])) if split else surface
+        some = points[corners[part]]
+        is_long[part] = _is_long(some, LONGEST_EDGE)
+        split.append(split_long(some[is_long[part]], LONGEST_EDGE).reshape(-1, 3))
+    surface = Triangles(device, points, corners)
+    if not is_long.any():
+        return surface, surface
+    pieces = np.concatenate(split)
+    own = np.arange(len(points), len(pieces), dtype=corners.dtype).reshape(-1, 3)
+    return surface, Triangles(device, pieces, np.concatenate([corners[~is_long], own]))
