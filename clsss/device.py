@@ -122,6 +122,8 @@ class Device:
 
         if precision not in ("single", "double"):
             raise InputError(f"precision: unknown value {precision!r}; use single or double")
+        if not isinstance(name, (str, type(None))):
+            raise InputError(f"device: needs part of a device's name, got {name!r}")
         found = find_devices()
         if not any(d.works for d in found):
             raise DeviceError(NO_DEVICE)

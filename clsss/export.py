@@ -63,6 +63,8 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
         raise InputError(f"{path}: is a folder; give a file name")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise InputError(f"{path}: no permission to write in the folder {path.parent}")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise InputError(f"{path}: there is a file of this name that is write-protected; give another")
     return path
 
 

@@ -252,7 +252,7 @@ class Multigrid:
                     self.residual.complete(phi)
                 return Convergence(residuals, done, tolerance)
             if progress is not None:
-                progress(float(np.clip(np.log(max(history[-1], tolerance)) / np.log(tolerance), 0, 1)))
+                progress(float(np.clip(np.log(1 / max(history[-1], tolerance)) / np.log(1 / tolerance), 0, 1)))
             if undecided and history[-1] <= HOLD:
                 undecided = False
                 left_by_rounding = rounding_gain(self.op) * np.sqrt(self.inner_product(phi, phi))

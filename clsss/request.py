@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +33,7 @@ def check(args: argparse.Namespace) -> None:
     Raises
     ------
     InputError
-        A file that the options name is missing or to be written over, a number is out of range, or a material is
+        A file that the options name cannot be read or is to be written over, a number is out of range, or a material is
         unknown.
     DeviceError
         The device that the options name does not work.
@@ -54,7 +55,7 @@ def check(args: argparse.Namespace) -> None:
 
 
 def _check_files(args: argparse.Namespace) -> None:
-    """Files that are read are there, and none of them is written over."""
+    """Files that are read can be, and none of them is written over."""
     mesh = None if _is_demo(args) else args.mesh
     materials = (args.material, *(args.mix or ())[:1], *(args.vertex_colours or ()))
     own = (name for name in materials if name and name.lower().endswith(_MATERIAL_SUFFIX))
@@ -62,6 +63,8 @@ def _check_files(args: argparse.Namespace) -> None:
     for path in files:
         if not Path(path).exists():
             raise InputError(f"{path}: there is no such file")
+        if not os.access(path, os.R_OK):
+            raise InputError(f"{path}: no permission to read it")
     for path in filter(None, (vars(args).get(key) for key in _OUTPUTS)):
         if Path(path).resolve() in {Path(other).resolve() for other in files}:
             raise InputError(f"{path}: is read and would be written over; give what is written a name of its own")

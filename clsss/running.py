@@ -62,7 +62,7 @@ def run(command: Callable[[], None]) -> int:
     except MemoryError:
         return _fail("not enough memory; lower --resolution")
     except OSError as error:
-        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename else error.strerror or str(error))
     except Exception as error:  # a bug of ours: still one line, and a way to see more
         if os.environ.get("CLSSS_TRACEBACK"):
             raise

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsss import cli, grammar, images, listing, options, request, running, scenefile, view
+from clsss import cli, export, grammar, images, listing, options, request, running, scenefile, view
 from clsss.errors import DeviceError, InputError
 
 ROOT = Path(__file__).parent.parent
@@ -185,6 +185,7 @@ def test_values_may_begin_with_a_minus_sign():
         (DeviceError("no device"), 1, "clsss: error: no device\n"),
         (MemoryError(), 1, "clsss: error: not enough memory; lower --resolution\n"),
         (OSError(28, "No space left on device", "x"), 1, "clsss: error: x: No space left on device\n"),
+        (OSError(28, "No space left on device"), 1, "clsss: error: No space left on device\n"),
         (KeyboardInterrupt(), 130, ""),
     ],
 )
@@ -269,6 +270,18 @@ def test_nothing_is_written_over_what_is_read(tmp_path, words):
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "written over" in done.stderr
     assert {name: (tmp_path / name).read_text() for name in before} == before
+
+
+def test_what_is_protected_is_left_alone(tmp_path, monkeypatch):
+    (tmp_path / "a.ply").write_text("no mesh")
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).is_dir())
+    args = parsed()
+    args.mesh = str(tmp_path / "a.ply")
+    with pytest.raises(InputError, match=r"a\.ply: no permission to read it"):
+        request.check(args)
+    with pytest.raises(InputError, match=r"a\.ply: .* write-protected"):
+        export.check_writable(tmp_path / "a.ply")
+    assert export.check_writable(tmp_path / "b.ply") == tmp_path / "b.ply"
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])

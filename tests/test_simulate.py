@@ -384,6 +384,7 @@ BAD = {
     "resolution": ["many", None, 3, 0, -5, 12.5, float("nan"), float("inf"), True],
     "tolerance": ["small", None, 0, 1, -1e-3, float("nan")],
     "precision": ["half", None, 32],
+    "device": [3, b"pthread"],
     "lights": [[], None, "sun", [SUN, "lamp"], [None], 3],
     "medium": [None, "granite", 1.0],
     "mesh": [None, "nowhere.ply", 3],
