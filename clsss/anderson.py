@@ -42,6 +42,7 @@ class Follower(Protocol):
     @property
     def coupling(self) -> Coupling:
         """Its part in V-cycles."""
+
     state: np.ndarray  # (p, 3), affine in the solution
 
     def update(self) -> None:

@@ -24,13 +24,6 @@ PASSAGES = 3  # of light between parts of the surface, within each cycle
 ROUGHLY = 1  # sweeps of a V-cycle that only tells what light goes on to the next passage
 
 
-def boundary_flux(residual: Residual, phi: Field, moment: Buffer, phi_B: Buffer | None = None) -> np.ndarray:
-    """J.n (n_cut, 3) at the boundary of the cut cells, for a complete `phi`; `phi_B` is overwritten."""
-    phi_B = phi_B or residual.device.empty(moment.shape)
-    residual.take_boundary_value(phi, moment, phi_B)
-    return phi_B.get()[:, :3].astype(float) / (2 * residual.op.medium.fresnel_A)
-
-
 class PatchCoupling:
     """What an exchange does within the V-cycles of an operator (a `Coupling`), and its state.
 
@@ -204,7 +197,7 @@ class Interreflection:
 
     def hold(self, phi: Field) -> None:
         """From now on count the solution from a complete `phi`."""
-        flux = boundary_flux(self.residual, phi, self.r_B)
+        flux = self.residual.boundary_flux(phi, self.r_B)
         self._update = self._captured_update(self.coupling.device.array(channels(self.coupling.exchange.share @ flux)))
         self._set_aside = self.r_B.get()
         self.r_B.fill(0)
@@ -222,7 +215,7 @@ class Interreflection:
         """J.n and H_t (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
         exchange = self.coupling.exchange
         phi_B = moment = self.coupling.boundary_moment(self.r_B)
-        flux = boundary_flux(self.residual, phi, moment, phi_B)
+        flux = self.residual.boundary_flux(phi, moment, phi_B)
         return flux, exchange.blend @ (exchange.entering @ self.leaving)
 
     @property

@@ -1,4 +1,4 @@
-"""Light that diffuses within cells wider than the diffusion length: what exponential fitting changes in the books.
+"""Light that diffuses within cells wider than the diffusion length: the energy balance of exponential fitting.
 
 Where k h is above a third, k^2 = sigma_a / D, the equation's exact solution along the normal of a cut cell stands
 for its linear one (kernels/layer.h). Light is then absorbed between the centroids, too.

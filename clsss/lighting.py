@@ -19,7 +19,7 @@ from clsss.device import Device
 from clsss.diffusion import Coefficients, Field, Load, cell_points
 from clsss.exchange import Exchange
 from clsss.fresnel import entering_gain
-from clsss.interreflection import Interreflection, PatchCoupling, boundary_flux
+from clsss.interreflection import Interreflection, PatchCoupling
 from clsss.layer import Layer
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
@@ -85,7 +85,7 @@ class Solution:
         B of each patch of the exchange.
     moment : (n_cut, 3) float64, or None
         First moment at the boundary of all its sources, light from other parts of the surface included, where the
-        books of a fitted layer need it.
+        energy balance of a fitted layer needs it.
     source : Deposit
     convergence : Convergence
     """
@@ -151,7 +151,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
             from_zero=last is None,
         )  # fmt: skip
         flux, entering = follower.surface(phi) if follower else (
-            boundary_flux(setup.multigrid.residual, phi, source.moment), np.zeros(3))  # fmt: skip
+            setup.multigrid.residual.boundary_flux(phi, source.moment), np.zeros(3))  # fmt: skip
     gain = entering_gain(medium.eta)
     exitance, fluence = flux + entering, 2 * medium.fresnel_A * flux + gain * (entering + kept)
     leaving = follower.leaving if follower else np.zeros((0, 3))

@@ -26,7 +26,7 @@ from clsss.launch import launched
 from clsss.materials import Medium
 from clsss.mesh import Mesh, contains, opaque_triangles
 from clsss.subdivision import outward_normals
-from clsss.transport import Walk, gather, make_scene
+from clsss.transport import Sources, Walk, gather, make_scene
 
 CAP = 200_000  # collisions after which a path is given up; reported, never silent
 PATCH = 0.01  # of the mesh's size: radius of the surface around a point that photons are counted on
@@ -135,21 +135,12 @@ def estimate(
     started = time.perf_counter()
     check_counts(n_paths, seed)
     sources, opaque, device = gather(lights), opaque_triangles(blockers), device or Device(precision="single")
-    if forward is None:
-        lamps = sources.place[sources.lamps, :3]
-        forward = medium.eta != 1 or sources.varies or bool(contains(mesh, lamps).any())
-    if not forward and medium.eta != 1:
-        raise InputError(f"forward: paths from the points need eta = 1, not {medium.eta:g}")
-    if not forward and sources.varies:
-        raise InputError("forward: paths from the points need emission that is the same everywhere, not a function")
+    forward = _goes_forward(mesh, medium, sources, forward)
     at, facing = _checked(mesh, points, normals)
     place, triangle = paths.anchors(mesh, at, facing)
     on = np.flatnonzero(triangle >= 0)
     if points is not None and len(on) < len(at):
-        k, near = int(np.argmax(triangle < 0)), paths.NEAR * mesh.size
-        where = f"number {k} at ({', '.join(f'{x:.4g}' for x in at[k])}) for one"
-        off = f"{len(at) - len(on)} of {len(at)} lie more than {near:g} mm off the surface"
-        raise InputError(f"points: {off}, {where}; move them onto it")
+        _refuse_off_surface(mesh, at, np.flatnonzero(triangle < 0))
     walk, n = Walk(seed, reenter, CAP, progress), len(on)
     energy: dict[str, np.ndarray] = {}
     scene = make_scene(mesh.triangles, medium, sources, device, opaque)
@@ -171,6 +162,25 @@ def estimate(
     _tell(mesh, lost, capped)
     seconds = time.perf_counter() - started
     return Estimate(**results, lost=lost, capped=capped, energy=energy, radius=radius, seconds=seconds)
+
+
+def _goes_forward(mesh: Mesh, medium: Medium, sources: Sources, forward: bool | None) -> bool:
+    """Whether photons start at the lights; see `estimate`."""
+    if forward is None:
+        lamps = sources.place[sources.lamps, :3]
+        return medium.eta != 1 or sources.varies or bool(contains(mesh, lamps).any())
+    if not forward and medium.eta != 1:
+        raise InputError(f"forward: paths from the points need eta = 1, not {medium.eta:g}; leave it out")
+    if not forward and sources.varies:
+        raise InputError("forward: paths from the points need even emission, not a function; leave it out")
+    return forward
+
+
+def _refuse_off_surface(mesh: Mesh, at: np.ndarray, off: np.ndarray) -> None:
+    """Name the first of the points `off` (k,) among `at` (n, 3) that no surface is near."""
+    where = f"number {off[0]} at ({', '.join(f'{x:.4g}' for x in at[off[0]])}) for one"
+    far = f"{len(off)} of {len(at)} lie more than {paths.NEAR * mesh.size:g} mm off the surface"
+    raise InputError(f"points: {far}, {where}; move them onto it")
 
 
 def check_counts(n_paths: Any, seed: Any) -> None:

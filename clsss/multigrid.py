@@ -91,7 +91,7 @@ class Multigrid:
         self._coarsest = device.kernel("coarsest", "solve_coarsest")
         self._combine = device.kernel("reduce", "combine")
         self._inverse = self._invert_coarsest()
-        # of the last solve: kernels of one scene are the same for all
+        # captured by the last solve: the next replays the cycle, unless light is coupled otherwise
         self._cycle: Callable[[], None] | None = None
         self._coupling: Coupling | None = None
         self._take_residual: Callable[[], None] | None = None

@@ -19,7 +19,6 @@ from clsss.validity import thin_shares
 def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
     """The report of a bake; `seconds` are those of its stages."""
     tree, convergence = setup.octree, solution.convergence
-    absorbed = _absorbed(setup, solution)
     area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
     exited = area @ solution.flux
     return {
@@ -49,7 +48,7 @@ def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict
         "energy": {
             "incident_W": solution.source.incident.tolist(),
             "deposited_W": solution.source.deposited.tolist(),
-            "absorbed_W": (absorbed * solution.unit).tolist(),
+            "absorbed_W": (_absorbed(setup, solution) * solution.unit).tolist(),
             "exited_W": (exited * solution.unit).tolist(),
         },
         "seconds": {key.replace(" ", ""): round(value, 4) for key, value in seconds.items()},

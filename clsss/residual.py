@@ -125,3 +125,9 @@ class Residual:
         self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D_cut,
                         op.medium.fitted, cut.cell, cut.centroid, cut.boundary, cut.normal, self.slope, moment, phi[-1],
                         phi_B)  # fmt: skip
+
+    def boundary_flux(self, phi: Field, moment: Buffer, phi_B: Buffer | None = None) -> np.ndarray:
+        """J.n = phi_B / (2A) there (n_cut, 3) [W/mm^2], for a complete `phi`; overwrites `phi_B`, if it is given."""
+        phi_B = phi_B or self.device.empty(moment.shape)
+        self.take_boundary_value(phi, moment, phi_B)
+        return phi_B.get()[:, :3].astype(float) / (2 * self.op.medium.fresnel_A)

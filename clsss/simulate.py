@@ -189,7 +189,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     ----------
     mesh : Mesh
         From `clsss.load_mesh`.
-    medium : Material, Mix or Grid
+    medium : Material, Mix, Grid or Inward
         What it is made of.
     lights : sequence of DirectionalLight, PointLight, EnvironmentLight, Emission
         They add up.
@@ -228,8 +228,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     DeviceError
         The machine cannot do it: no device, not enough memory.
     """
-    start = perf_counter()
-    lights = checked_lights(lights)
+    start, lights = perf_counter(), checked_lights(lights)
     check(mesh, medium, resolution, tolerance, phase, scattering, blockers)
     check_memory(mesh, int(resolution))
     validity.warn(mesh, medium)
@@ -259,10 +258,10 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     with timed("exchange", seconds, tell):
         opaque = opaque_triangles(blockers)
         shadows = None if opaque is None else RayCaster(opaque)
-        coupling = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
+        exchange = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
     with timed("surface", seconds, _reporter(None)):  # the device holds less now than when it has solved
         at_vertices = shares_at(dev, tree, mesh.vertices, mesh.normals)
-    setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, coupling, at_vertices, tuple(blockers), shadows,
+    setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, exchange, at_vertices, tuple(blockers), shadows,
                   scattering == "split", tolerance, before)  # fmt: skip
     return _bake(setup, medium, lights, None, seconds, start, tell)
 

@@ -136,9 +136,7 @@ def _diffused_once(device: Device, octree: Octree, medium: Coefficients, source:
     multigrid = Multigrid(device, make_operator(device, octree, medium))
     multigrid.residual.wall = source.wall
     multigrid.solve(source.b, phi, tolerance, from_zero=True)
-    phi_B = device.empty(source.moment.shape)
-    multigrid.residual.take_boundary_value(phi, source.moment, phi_B)
-    return phi_B.get()[:, :3].astype(float) / (2 * medium.fresnel_A)
+    return multigrid.residual.boundary_flux(phi, source.moment)
 
 
 def most_excess(eta: float) -> float:

@@ -180,10 +180,7 @@ def make_scene(
     placed = np.repeat(triangles[tree.order][:, :1], 3, axis=1)  # second copies shrink to a point: never hit
     placed[places] = triangles
     far = np.linalg.norm(triangles, axis=2) * (1 + 1e-5)
-    relative = np.vstack([sources.strength, sources.even_emission])
-    scale = relative.max(axis=0)
-    scale[scale == 0] = 1
-    relative /= scale
+    relative, scale = _relative(sources)
     tints = np.arange(3)[:, None] if sources.varies else relative.T  # a function may colour any place
     chosen, channel = _alike(np.concatenate([values.reshape(3, -1), relative.T, tints], axis=1))
     values, relative = values[chosen], relative[:, chosen]
@@ -214,6 +211,14 @@ def make_scene(
         opaque=device.array((tree.order >= n).astype(np.uint8), np.uint8),
         lights=device.array(lights if len(lights) else np.zeros((1, 4))),
     )
+
+
+def _relative(sources: Sources) -> tuple[np.ndarray, np.ndarray]:
+    """Strengths of lights and of even emission (l + 1, 3) over each colour's strongest, and that (3,)."""
+    strengths = np.vstack([sources.strength, sources.even_emission])
+    scale = strengths.max(axis=0)
+    scale[scale == 0] = 1
+    return strengths / scale, scale
 
 
 def _alike(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
