@@ -7,8 +7,11 @@ of range, and take truncated text for a smaller mesh. All other formats go throu
 
 from __future__ import annotations
 
+import gc
 import gzip
+import io
 import zlib
+from array import array
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,10 +76,8 @@ def _checked(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.nda
     if faces.min() < 0 or faces.max() >= len(vertices):
         bad = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))[0])
         index = int(next(i for i in faces[bad] if not 0 <= i < len(vertices)))
-        raise InputError(
-            f"{name}: triangle {bad} names vertex {index}, but there are only {len(vertices)} vertices, "
-            "counted from 0"
-        )
+        known = f"there are only {len(vertices)} vertices, counted from 0"
+        raise InputError(f"{name}: triangle {bad} names vertex {index}, but {known}")
     return vertices, np.array(faces, np.int32)
 
 
@@ -98,38 +99,35 @@ def _contents(path: Path) -> tuple[bytes, str]:
     return data, suffixes[-1] if suffixes else ""
 
 
-def _fan(polygons: list[Any]) -> np.ndarray:
-    """Triangles (f, 3) of polygons of any size, each a fan from its first vertex."""
-    faces = [(p[0], p[k], p[k + 1]) for p in polygons for k in range(1, len(p) - 1)]
-    return np.array(faces, np.int64).reshape(-1, 3)
+def _fan(polygon: list[int]) -> list[int]:
+    """Corners of the triangles of a polygon, a fan from its first vertex."""
+    return [corner for k in range(1, len(polygon) - 1) for corner in (polygon[0], polygon[k], polygon[k + 1])]
 
 
 def _read_obj(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Positions and faces of a Wavefront OBJ file; texture coordinates and normals do not split vertices."""
-    vertices: list[list[float]] = []
-    polygons: list[list[int]] = []
-    lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
-    for number, line in enumerate(lines, 1):
+    vertices, faces = array("d"), array("q")
+    text = io.BytesIO(data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" "))
+    for number, line in enumerate(io.TextIOWrapper(text, "utf-8", "replace"), 1):
         fields = line.split()
-        if not fields or fields[0] not in (b"v", b"f"):
+        if not fields or fields[0] not in ("v", "f"):
             continue
         try:
-            if fields[0] == b"v":
+            if fields[0] == "v":
                 x, y, z = fields[1:4]
-                vertices.append([float(x), float(y), float(z)])
+                vertices.extend((float(x), float(y), float(z)))
             else:
-                corners = [int(corner.partition(b"/")[0]) for corner in fields[1:]]
+                corners = [int(corner.partition("/")[0]) for corner in fields[1:]]
                 if 0 in corners:
                     raise InputError(f"{name}: line {number} uses index 0, but OBJ indices start at 1")
                 # negative indices count back from the vertices read so far
-                polygons.append([c - 1 if c > 0 else len(vertices) + c for c in corners])
+                faces.extend(_fan([c - 1 if c > 0 else len(vertices) // 3 + c for c in corners]))
         except InputError:
             raise
-        except ValueError as error:
-            text = line.decode("utf-8", "replace").strip()[:60]
-            hint = " (decimal commas? write decimal points)" if b"," in line else ""
-            raise InputError(f"{name}: line {number} is not valid OBJ: {text!r}{hint}") from error
-    return np.array(vertices, np.float64).reshape(-1, 3), _fan(polygons)
+        except (ValueError, OverflowError) as error:
+            hint = " (decimal commas? write decimal points)" if "," in line else ""
+            raise InputError(f"{name}: line {number} is not valid OBJ: {line.strip()[:60]!r}{hint}") from error
+    return np.array(vertices).reshape(-1, 3), np.array(faces).reshape(-1, 3)
 
 
 def _ply_header(data: bytes, name: str) -> tuple[str, list[tuple[str, int, list[tuple[str, ...]]]], int]:
@@ -166,7 +164,7 @@ def _read_ply(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
     body = _PlyBody(data, order, position)
     if order == "":
         try:
-            body = _PlyBody(np.array(data[position:].split(), np.float64), order, 0)
+            body = _PlyBody(_numbers(data, position), order, 0)
         except ValueError as error:
             raise InputError(f"{name}: the text of the PLY file has something other than numbers") from error
     vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
@@ -174,10 +172,8 @@ def _read_ply(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
         try:
             columns = body.read(count, properties) if count else {}
         except (ValueError, OverflowError) as error:
-            raise InputError(
-                f"{name}: the file is truncated: its header promises {count} of {element!r}, "
-                "more than the file holds"
-            ) from error
+            promise = f"its header promises {count} of {element!r}, more than the file holds"
+            raise InputError(f"{name}: the file is truncated: {promise}") from error
         if element == "vertex" and count:
             if any(axis not in columns for axis in "xyz"):
                 raise InputError(f"{name}: the PLY vertices have no x, y, z")
@@ -188,8 +184,17 @@ def _read_ply(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
                 if isinstance(lists, np.ndarray) and lists.shape[1] == 3:
                     faces = lists if lists.dtype.kind in "iu" else lists.astype(np.int64)
                 elif lists is not None:
-                    faces = _fan([np.asarray(row).astype(np.int64).tolist() for row in lists])
+                    rows = (np.asarray(row).astype(np.int64).tolist() for row in lists)
+                    faces = np.array([corner for row in rows for corner in _fan(row)], np.int64).reshape(-1, 3)
     return vertices, faces
+
+
+def _numbers(data: bytes, position: int) -> np.ndarray:
+    """The numbers of a text from `position` on, some lines at a time: words take six times as much as their text."""
+    text = io.BytesIO(data)
+    text.seek(position)
+    lines = iter(lambda: text.readlines(1 << 20), [])
+    return np.concatenate([np.zeros(0), *(np.array(b"".join(some).split(), np.float64) for some in lines)])
 
 
 @dataclass
@@ -259,8 +264,6 @@ class _PlyBody:
 
 
 def _read_with_trimesh(path: Path, data: bytes, suffix: str) -> tuple[np.ndarray, np.ndarray]:
-    import io
-
     import trimesh
 
     _check_stl(path.name, data, suffix)
@@ -272,7 +275,9 @@ def _read_with_trimesh(path: Path, data: bytes, suffix: str) -> tuple[np.ndarray
             io.BytesIO(data) if compressed else path, file_type=suffix[1:], process=False, skip_materials=True
         )
         mesh = scene.to_mesh()
-        vertices, faces = np.array(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+        vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+        del scene, mesh
+        gc.collect()  # they refer to one another, and would stay with several times the file's size
     except BaseException as error:  # readers of damaged files may raise anything
         if isinstance(error, (KeyboardInterrupt, SystemExit, MemoryError)):
             raise
