@@ -12,6 +12,7 @@ Haber et al. 2005, eq. (5): the boundary condition, light from elsewhere added a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from scipy import sparse
 
 from clsss.diffusion import Operator
 from clsss.exchange import Exchange
-from clsss.surface import boundary_points
+from clsss.surface import boundary_normals
 
 
 class Above(NamedTuple):
@@ -52,42 +53,45 @@ class Boundary:
     ----------
     area : (n_cut, 1) float64
         [mm^2]
-    per_area : (n_cut, 3) float64
+    per_area : (n_cut, 3) real
         J.n per fluence.
     """
 
     def __init__(self, op: Operator):
         octree, medium, cut = op.octree, op.medium, op.octree.cut
         self.op, self._cut_cell = op, cut.cell.get()
-        away = (cut.boundary.get() - cut.centroid.get())[:, :3].astype(float)
-        depth = octree.grid.h * np.maximum((away * boundary_points(octree)[1]).sum(axis=1, keepdims=True), 0.1)
+        away = (cut.boundary.get() - cut.centroid.get())[:, :3]
+        depth = octree.grid.h * np.maximum((away * boundary_normals(octree)).sum(axis=1, keepdims=True), 0.1)
         D = np.array(medium.D_cut.tolist()) if medium.homogeneous else medium.D_cut.get().astype(float)
         self.area = cut.boundary.get()[:, 3:].astype(float) * octree.grid.h**2
-        self.per_area = 1 / (2 * medium.fresnel_A + depth / D[..., :3])
-        self._scaled = self.per_area / D[..., :3] if medium.homogeneous else self.per_area
+        self.per_area = (1 / (2 * medium.fresnel_A + depth / D[..., :3])).astype(away.dtype)
+        self._scale = 1 / D[..., :3] if medium.homogeneous else np.ones(3)
 
     def above(self, exchange: Exchange, depth: int) -> list[Above]:
         """The same for the `depth` levels above the finest, from the finest of them.
 
         Fluence lets out there what the level's absorption holds: less than the sum, by the weights of pinning.h.
         """
-        op, over, found = self.op, self._cut_cell, []
-        whole = op.absorb[-1].get()[:, :3].astype(float)
-        of_patch = exchange.share.copy()
-        of_patch.data[:] = 1
+        op, over, area, found = self.op, self._cut_cell, self.area[:, 0], []
+        whole, of_patch = op.absorb[-1].get(), exchange.share.tocsc()  # each cut cell is of one patch
         for k in range(len(op.absorb) - 2, len(op.absorb) - 2 - depth, -1):
             absorb, parent = op.absorb[k].get()[:, :3].astype(float), op.octree.levels[k + 1].parent
             assert parent is not None
             parents = parent.get()[: len(whole)]
             over = parents[over]
-            summed = np.stack([np.bincount(parents, values, len(absorb)) for values in whole.T], axis=1)
-            whole = np.where(op.octree.levels[k].leaf[:, None], absorb, summed)
+            whole = np.where(op.octree.levels[k].leaf[:, None], absorb, _sums(parents, whole.T[:3], len(absorb)))
+            del parents
             cell, above = np.unique(over, return_inverse=True)
-            gather = sparse.csr_matrix((np.ones(len(above)), (above, np.arange(len(above)))))
-            total = np.maximum(gather @ self.area, 1e-300)
+            above, shape = above.astype(np.int32), (len(cell), exchange.share.shape[0])
+            total = np.maximum(np.bincount(above, area, len(cell)), 1e-300)
             held = absorb[cell] / np.maximum(whole[cell], 1e-300)
-            leaving = held * (gather @ (self.area * self.per_area)) / total
-            blend = sparse.diags(1 / total[:, 0]) @ gather @ sparse.diags(self.area[:, 0]) @ of_patch.T
-            found.append(Above(cell, leaving, gather @ (self.area * self._scaled), (exchange.share @ gather.T).tocsr(),
-                               blend.tocsr()))  # fmt: skip
+            flux = _sums(above, (area * values for values in self.per_area.T), len(cell))
+            blend = sparse.coo_matrix((area / total[above], (above, of_patch.indices)), shape).tocsr()
+            share = sparse.coo_matrix((of_patch.data, (of_patch.indices, above)), shape[::-1]).tocsr()
+            found.append(Above(cell, held * flux / total[:, None], flux * self._scale, share, blend))
         return found
+
+
+def _sums(group: np.ndarray, columns: Iterable[np.ndarray], n: int) -> np.ndarray:
+    """Sums (n, ...) of columns over groups (m,)."""
+    return np.stack([np.bincount(group, values, n) for values in columns], axis=1)

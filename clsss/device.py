@@ -42,14 +42,14 @@ class Buffer:
         self.data = device._allocate(self.nbytes) if data is None else data
         self._owned = 0 if data is not None else self.nbytes
 
-    def get(self) -> np.ndarray:
-        """A copy on the host (waits for the queue)."""
+    def get(self, first: int = 0, n: int | None = None) -> np.ndarray:
+        """A copy on the host (waits for the queue), of all rows or of the `n` from `first` on."""
         import pyopencl as cl
 
-        out = np.empty(self.shape, self.dtype)
+        out = np.empty(self.shape if n is None else (n, *self.shape[1:]), self.dtype)
         if out.size:
             self.device.finish()
-            cl.enqueue_copy(self.device.queue, out, self.data)
+            cl.enqueue_copy(self.device.queue, out, self.data, src_offset=first * self.nbytes // self.shape[0])
         return out
 
     def set(self, values: np.ndarray) -> None:

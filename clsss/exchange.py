@@ -14,7 +14,7 @@ Partial-current balance of Haskell et al. 1994 with incoming light; Veach and Gu
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,8 +31,7 @@ PROBES = 8  # rays that tell whether a patch sees the object at all
 RAYS = 32  # rays of those that do
 PATCHES = 64  # patches along the longest side of the grid, at least
 NEAREST = 6  # patches that a cut cell's share is blended from
-CHUNK = 1 << 18  # rays at a time
-HELD = 1 << 15  # of which the device holds so many at once
+CHUNK = 1 << 15  # rays at a time, of which both host and device hold much
 HUGE = 1e30  # extinction of the object, for rays that go around it
 GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # R3 low-discrepancy sequence
 
@@ -94,7 +93,7 @@ def patch_depth(octree: Octree) -> int:
 def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np.ndarray, sparse.csr_matrix]:
     """Cut cells of one ancestor whose normals share their main axis, and their area-weighted mean."""
     depth = patch_depth(octree)
-    coarse = octree.finest.ijk[octree.cut.cell.get()].astype(np.int64) >> depth
+    coarse = octree.finest.position[octree.cut.cell.get()].astype(np.int64) >> depth
     axis = np.abs(normals).argmax(axis=1)
     side = normals[np.arange(len(normals)), axis] > 0
     dims = np.array(octree.grid.dims) // 2**depth + 1
@@ -102,37 +101,67 @@ def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np
     _, patch = np.unique(key, return_inverse=True)
     total = np.bincount(patch, areas)
     weight = areas / np.maximum(total[patch], 1e-300)
+    patch = patch.astype(np.int32)
     return patch, sparse.csr_matrix((weight, (patch, np.arange(len(patch)))), shape=(len(total), len(patch)))
 
 
 def _blend(share: sparse.csr_matrix, points: np.ndarray, normals: np.ndarray) -> sparse.csr_matrix:
     centres, facing = share @ points, share @ normals
-    k = min(NEAREST, len(centres))
-    distance, near = cKDTree(centres).query(points, k=k, workers=-1)
-    distance, near = distance.reshape(-1, k), near.reshape(-1, k)
-    reach = distance[:, -1:] * (1 + 1e-9) + 1e-300
-    alike = np.maximum(1e-6, np.einsum("nd,nkd->nk", normals, facing[near]))
-    weight = alike**2 * (1 - (distance / reach) ** 2 + 1e-3)
-    weight /= weight.sum(axis=1, keepdims=True)
-    rows = np.repeat(np.arange(len(points)), k)
-    return sparse.csr_matrix((weight.ravel(), (rows, near.ravel())), shape=share.shape[::-1])
+    tree, n, k = cKDTree(centres), len(points), min(NEAREST, len(centres))
+    weight, near = np.empty((n, k)), np.empty((n, k), np.int32)
+    for first in range(0, n, CHUNK):
+        part = slice(first, first + CHUNK)
+        distance, found = (x.reshape(-1, k) for x in tree.query(points[part], k=k, workers=-1))
+        reach = distance[:, -1:] * (1 + 1e-9) + 1e-300
+        alike = np.maximum(1e-6, np.einsum("nd,nkd->nk", normals[part], facing[found]))
+        shares = alike**2 * (1 - (distance / reach) ** 2 + 1e-3)
+        weight[part], near[part] = shares / shares.sum(axis=1, keepdims=True), found
+    blend = sparse.csr_matrix((weight.ravel(), near.ravel(), np.arange(0, n * k + 1, k)), shape=share.shape[::-1])
+    blend.sort_indices()
+    return blend
+
+
+def _transport(found: list[tuple[np.ndarray, ...]], area: np.ndarray,
+               eta: float) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:  # fmt: skip
+    """H and H_t (p, p) from what rays found, which is used up, and the patches' areas."""
+    rows, columns, arriving, entering = [], [], [], []
+    while found:
+        own, other, mu, mu_other = found.pop()
+        balance = area[[own, other]] / (area[own] + area[other]) / RAYS
+        for here, there, mu_in, mu_out, weight in ((own, other, mu, mu_other, balance[1]),
+                                                   (other, own, mu_other, mu, balance[0])):  # fmt: skip
+            flow = weight * leaving_shape(mu_out, eta)
+            rows.append(here)
+            columns.append(there)
+            arriving.append(flow)
+            entering.append(flow * fresnel_transmittance(mu_in, eta))
+    where, shape = (np.concatenate(rows), np.concatenate(columns)), (len(area), len(area))
+    H, H_t = (sparse.coo_matrix((np.concatenate(v), where), shape=shape).tocsr() for v in (arriving, entering))
+    return H, H_t
 
 
 class _Tracer:
     """Rays from patches to the patches that they hit, through the cells of the octree (kernels/seen.cl)."""
 
-    def __init__(self, octree: Octree, patch: np.ndarray, blockers: RayCaster | None):
-        self.blockers, self.octree, self.patch = blockers, octree, patch
-        self.points, self.normals = boundary_points(octree)
-        flat = np.linalg.norm(self.normals, axis=1) < 0.5  # two sheets that cancel have no normal
-        self.normals[flat] = [0, 0, 1]
+    def __init__(self, octree: Octree, patch: np.ndarray, points: np.ndarray, normals: np.ndarray,
+                 blockers: RayCaster | None):  # fmt: skip
+        self.blockers, self.octree, self.patch, self.points = blockers, octree, patch, points
+        flat = np.linalg.norm(normals, axis=1) < 0.5  # two sheets that cancel have no normal
+        self.normals = np.where(flat[:, None], [0.0, 0.0, 1.0], normals) if flat.any() else normals
         self.tangents, self.bitangents = tangent_frame(self.normals)
         order = np.argsort(patch, kind="stable")
         self.members, self.first = order, np.searchsorted(patch[order], np.arange(patch.max() + 2))
         self.rays, self._body = 0, octree.lend_body()
 
-    def trace(self, patches: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Rays number `k` of `patches`: which of them hit, the patch hit, and the cosines at both ends."""
+    def trace(self, patches: np.ndarray, numbers: range) -> Iterator[tuple[np.ndarray, ...]]:
+        """Rays of such numbers from each of `patches`, some at a time: as `_trace`."""
+        some = max(1, CHUNK // len(numbers))
+        for first in range(0, len(patches), some):
+            own = patches[first : first + some]
+            yield self._trace(np.repeat(own, len(numbers)), np.tile(numbers, len(own)))
+
+    def _trace(self, patches: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Rays number `k` of `patches`: the patches of those that hit, the patches hit, and the cosines at both."""
         self.rays += len(patches)
         turn = (patches[:, None] * np.array([0.7548776662, 0.5698402910, 0.3819660113])) % 1
         u = (turn + (k[:, None] + 0.5) * GOLDEN) % 1
@@ -151,21 +180,15 @@ class _Tracer:
             hit = hit[~self.blockers.occluded(start, end - start, 1.0)]
         other = met[hit]
         arriving = np.clip(-np.einsum("ij,ij->i", self.normals[other], direction[hit]), 0.05, 1.0)
-        return hit, self.patch[other], mu[hit, 0], arriving
+        return patches[hit], self.patch[other], mu[hit, 0], arriving
 
     def _first_met(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """The cut cell that each ray meets first, -1 where none."""
         octree, device, n = self.octree, self.octree.device, len(origin)
-        kernel, opaque, found = device.kernel("seen", "first_met"), device.vector([HUGE] * 4), np.empty(n, np.int32)
-        for first in range(0, n, HELD):
-            part = slice(first, min(first + HELD, n))
-            m = part.stop - first
-            met = device.empty(m, np.int32)
-            start = device.array(octree.grid.to_cells(origin[part]))
-            device.run(kernel, -(-m // device.lanes), m, *self._body, opaque, start, device.array(direction[part]),
-                       met)  # fmt: skip
-            found[part] = met.get()
-        return found
+        kernel, opaque, met = device.kernel("seen", "first_met"), device.vector([HUGE] * 4), device.empty(n, np.int32)
+        device.run(kernel, -(-n // device.lanes), n, *self._body, opaque, device.array(octree.grid.to_cells(origin)),
+                   device.array(direction), met)  # fmt: skip
+        return met.get()
 
     def _ends(self, origin: np.ndarray, direction: np.ndarray, met: np.ndarray) -> np.ndarray:
         """Where rays meet the planes of the cut cells `met`, just under them."""
@@ -191,38 +214,22 @@ def trace_exchange(octree: Octree, eta: float, blockers: RayCaster | None = None
         Called with the fraction done.
     """
     start = time.perf_counter()
-    _, normals = boundary_points(octree)
+    points, normals = boundary_points(octree)
     areas = octree.cut.boundary.get()[:, 3].astype(float) * octree.grid.h**2
     patch, share = _patches(octree, normals, areas)
     area = np.bincount(patch, areas)
     n = len(area)
-    tracer = _Tracer(octree, patch, blockers)
-    probes = np.repeat(np.arange(n), PROBES)
-    found = [(probes, *tracer.trace(probes, np.tile(np.arange(PROBES), n)))]
-    active = np.zeros(n, bool)
-    active[probes[found[0][1]]] = active[found[0][2]] = True
+    tracer = _Tracer(octree, patch, points, normals, blockers)
+    found, active = list(tracer.trace(np.arange(n, dtype=np.int32), range(PROBES))), np.zeros(n, bool)
+    for own, other, _, _ in found:
+        active[own] = active[other] = True
     if not active.any():
         return None
-    sources = np.repeat(np.flatnonzero(active), RAYS - PROBES)
-    numbers = np.tile(np.arange(PROBES, RAYS), int(active.sum()))
-    for first in range(0, len(sources), CHUNK):
-        part = sources[first : first + CHUNK]
-        found.append((part, *tracer.trace(part, numbers[first : first + CHUNK])))
+    for part in tracer.trace(np.flatnonzero(active).astype(np.int32), range(PROBES, RAYS)):
+        found.append(part)
         if progress is not None:
-            progress(min(1.0, (first + CHUNK) / len(sources)))
-    rows, columns, arriving, entering = [], [], [], []
-    for patches, hit, other, mu, mu_other in found:
-        own = patches[hit]
-        balance = area[[own, other]] / (area[own] + area[other]) / RAYS
-        for here, there, mu_in, mu_out, weight in ((own, other, mu, mu_other, balance[1]),
-                                                   (other, own, mu_other, mu, balance[0])):  # fmt: skip
-            flow = weight * leaving_shape(mu_out, eta)
-            rows.append(here)
-            columns.append(there)
-            arriving.append(flow)
-            entering.append(flow * fresnel_transmittance(mu_in, eta))
-    where = (np.concatenate(rows), np.concatenate(columns))
-    gain = entering_gain(eta)
-    H, H_t = (sparse.coo_matrix((np.concatenate(v), where), shape=(n, n)).tocsr() for v in (arriving, entering))
-    blend = _blend(share, tracer.points, normals)
-    return Exchange(share, blend, H, H_t, gain, tracer.rays, time.perf_counter() - start)
+            progress((tracer.rays - n * PROBES) / (RAYS - PROBES) / np.count_nonzero(active))
+    rays = tracer.rays
+    del tracer
+    blend, (H, H_t) = _blend(share, points, normals), _transport(found, area, eta)
+    return Exchange(share, blend, H, H_t, entering_gain(eta), rays, time.perf_counter() - start)

@@ -27,6 +27,8 @@ ROUGHLY = 1  # sweeps of a V-cycle that only tells what light goes on to the nex
 class PatchCoupling:
     """What an exchange does within the V-cycles of an operator (a `Coupling`), and its state.
 
+    It keeps nothing of the exchange itself, which takes 100 bytes a cut cell on the host.
+
     Parameters
     ----------
     device : Device
@@ -41,10 +43,13 @@ class PatchCoupling:
         All light that leaves each patch.
     change : (p, 4) real, device
         How far the last step moved it; `respond` uses it up.
+    patches, rays : int
+        How many there are, and how many were traced.
     """
 
     def __init__(self, device: Device, op: Operator, exchange: Exchange):
-        self.device, self.op, self.exchange = device, op, exchange
+        self.device, self.op, self._gain = device, op, exchange.gain
+        self.patches, self.rays = exchange.share.shape[0], exchange.rays
         levels, boundary = op.octree.levels, Boundary(op)
         self.level = max(0, len(levels) - 1 - patch_depth(op.octree))
         above = boundary.above(exchange, len(levels) - 1 - self.level)
@@ -78,8 +83,19 @@ class PatchCoupling:
         return self._moment_of_entered(plus)
 
     def _moment_of_entered(self, plus: Buffer | None = None) -> Buffer:
-        self._blend.multiply(-self.exchange.gain, self._entered, self._moment, plus)
+        self._blend.multiply(-self._gain, self._entered, self._moment, plus)
         return self._moment
+
+    def entered(self) -> np.ndarray:
+        """H_t (n_cut, 3) at the boundary, after `boundary_moment`, whose buffer it overwrites."""
+        self._blend.multiply(1, self._entered, self._moment)
+        return self._moment.get()[:, :3]
+
+    def flux_of_patches(self, phi_B: Buffer) -> Buffer:
+        """J.n (p, 4) of each patch, for fluence (n_cut, 4) at the boundary."""
+        flux = self.device.empty(self.B.shape)
+        self._share.multiply(1 / (2 * self.op.medium.fresnel_A), phi_B, flux)
+        return flux
 
     def step(self, boundary_value: Callable[[Buffer], None], r_B: Buffer, held: Buffer | None) -> None:
         """B <- J.n + F B.
@@ -197,8 +213,9 @@ class Interreflection:
 
     def hold(self, phi: Field) -> None:
         """From now on count the solution from a complete `phi`."""
-        flux = self.residual.boundary_flux(phi, self.r_B)
-        self._update = self._captured_update(self.coupling.device.array(channels(self.coupling.exchange.share @ flux)))
+        phi_B = self.coupling.device.empty(self.r_B.shape)
+        self.residual.take_boundary_value(phi, self.r_B, phi_B)
+        self._update = self._captured_update(self.coupling.flux_of_patches(phi_B))
         self._set_aside = self.r_B.get()
         self.r_B.fill(0)
 
@@ -213,10 +230,8 @@ class Interreflection:
 
     def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
         """J.n and H_t (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
-        exchange = self.coupling.exchange
         phi_B = moment = self.coupling.boundary_moment(self.r_B)
-        flux = self.residual.boundary_flux(phi, moment, phi_B)
-        return flux, exchange.blend @ (exchange.entering @ self.leaving)
+        return self.residual.boundary_flux(phi, moment, phi_B), self.coupling.entered()
 
     @property
     def leaving(self) -> np.ndarray:

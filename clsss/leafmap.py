@@ -107,11 +107,12 @@ class LeafMap:
     def finest_by_bricks(self) -> np.ndarray:
         """All finest cells, brick by brick."""
         exist = np.unpackbits(self.filled[:, None], axis=1, bitorder="little")
-        row, index = np.arange(len(exist)), np.empty(exist.shape, np.int32)
+        row, index = np.arange(len(exist), dtype=np.int32), np.empty(exist.shape, np.int32)
         parity = (row ^ row >> 3) & 1
         for side in (0, 1):
             there = exist[:, side::2]
-            index[:, side::2] = self.first[row, parity ^ side][:, None] + np.cumsum(there, axis=1) - there
+            before = np.cumsum(there, axis=1, dtype=np.int32) - there
+            index[:, side::2] = self.first[row, parity ^ side][:, None] + before
         return index[exist > 0]
 
 

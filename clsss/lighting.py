@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ from clsss.source import Deposit, light_unit, make_source
 Progress = Callable[[str, float], None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Setup:
     """What does not change with the lights."""
 
@@ -41,18 +42,20 @@ class Setup:
     medium: Coefficients
     multigrid: Multigrid
     layer: Layer | None
-    exchange: Exchange | None
+    exchange: Exchange | None  # until it is on the device
     at_vertices: sparse.csr_matrix  # (v, n_cut): carries values at the boundary of the cut cells to the vertices
     blockers: tuple[Mesh, ...]
     shadows: RayCaster | None
     split: bool  # whether light scattered once is traced on its own
     tolerance: float
     bytes_before: int  # that other results held on the device
+    _on_device: weakref.ref[Fluence] | None = None
 
     @cached_property
     def coupling(self) -> PatchCoupling | None:
-        """The exchange on the device."""
-        return PatchCoupling(self.device, self.multigrid.op, self.exchange) if self.exchange else None
+        """The exchange on the device; the host needs it no longer."""
+        exchange, self.exchange = self.exchange, None
+        return PatchCoupling(self.device, self.multigrid.op, exchange) if exchange else None
 
     @cached_property
     def right_hand_side(self) -> Load:
@@ -64,6 +67,46 @@ class Setup:
         """Fluence of one set of lights after the other."""
         return Field(self.device, self.octree)
 
+    def hold(self) -> Fluence:
+        """The fluence that is on the device now, as that of a solution."""
+        found = Fluence(self.phi, self.octree)
+        self._on_device = weakref.ref(found)
+        return found
+
+    def vacate(self) -> None:
+        """Make room for another solution's fluence on the device, if one's that still counts is there."""
+        found = self._on_device and self._on_device()
+        if found:
+            found.leave()
+
+
+class Fluence:
+    """Fluence in the cells of one solution: on the device until another needs the place, then on the host."""
+
+    def __init__(self, place: Field, octree: Octree):
+        self._place, self._sizes = place, [level.n for level in octree.levels]
+        self._kept: list[np.ndarray] | None = None  # (n, 3) real of each level
+
+    @property
+    def on_device(self) -> bool:
+        """Whether no other has come since."""
+        return self._kept is None
+
+    def leave(self) -> None:
+        """From now on be on the host."""
+        if self.on_device:
+            self._kept = [x.get(0, n)[:, :3].copy() for x, n in zip(self._place, self._sizes, strict=True)]
+
+    def put(self, scale: float = 1.0) -> None:
+        """Overwrite what is on the device with this, times `scale`, unless it is there; ghosts are to be completed."""
+        if self._kept is None:
+            return
+        for x, values in zip(self._place, self._kept, strict=True):
+            padded = np.zeros(x.shape, x.dtype)
+            np.multiply(values, scale, out=padded[: len(values), :3], casting="unsafe")
+            padded[:, 3] = padded[:, 2]
+            x.set(padded)
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -73,12 +116,12 @@ class Solution:
     ----------
     unit : float
         Strength of the lights [W/mm^2].
-    phi : list of (n + n_ghost, 4) real
-        Fluence in the cells of each level, on the host: the device holds one solution at a time (`Setup.phi`).
-    flux : (n_cut, 3) float64
+    phi : Fluence
+        In the cells; the device holds one solution's at a time (`Setup.phi`).
+    flux : (n_cut, 3) real
         J.n at the boundary of the cut cells: what leaves them for good.
-    exitance, fluence : (n_cut, 3) float64
-        All scattered light that comes out there, and the fluence of diffuse light just inside.
+    exitance : (n_cut, 3) real
+        All scattered light that comes out there.
     once : (n_cut, 3) float64, or None
         The part of the exitance that was scattered once, where it is traced.
     leaving : (p, 3) float64
@@ -91,10 +134,9 @@ class Solution:
     """
 
     unit: float
-    phi: list[np.ndarray]
+    phi: Fluence
     flux: np.ndarray
     exitance: np.ndarray
-    fluence: np.ndarray
     once: np.ndarray | None
     leaving: np.ndarray
     moment: np.ndarray | None
@@ -103,7 +145,7 @@ class Solution:
 
 
 def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
-          tell: Progress) -> Solution:  # fmt: skip
+          tell: Progress) -> tuple[Solution, np.ndarray]:  # fmt: skip
     """Light an object.
 
     Parameters
@@ -121,6 +163,8 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     Returns
     -------
     Solution
+    fluence : (n_cut, 3) real
+        Of diffuse light just inside the surface, in multiples of the solution's unit.
     """
     device, octree, medium = setup.device, setup.octree, setup.medium
     unit = light_unit(list(lights), setup.mesh.size)
@@ -129,7 +173,8 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
             device, octree, medium, list(lights), unit, setup.shadows, lambda f: tell("source", f),
             (setup.right_hand_side, setup.multigrid.e),
         )
-    once, kept = None, np.zeros(3)
+    once: np.ndarray | None = None
+    kept: Any = 0.0
     if setup.split:
         with timed("single", seconds, tell):
             once, kept, source = split(device, octree, medium, list(lights), unit, source, setup.shadows,
@@ -138,12 +183,12 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         coupling = setup.coupling
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
+        setup.vacate()
         phi = setup.phi
         follower = Interreflection(coupling, setup.multigrid.residual, source, phi) if coupling else None
         phi.whole.fill(0)
         if last is not None:
-            for x, values in zip(phi, last.phi, strict=True):
-                x.set(values * (last.unit / unit))
+            last.phi.put(last.unit / unit)
             if follower:
                 follower.start_from(last.leaving * (last.unit / unit))
         convergence = setup.multigrid.solve(
@@ -151,20 +196,22 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
             from_zero=last is None,
         )  # fmt: skip
         flux, entering = follower.surface(phi) if follower else (
-            setup.multigrid.residual.boundary_flux(phi, source.moment), np.zeros(3))  # fmt: skip
+            setup.multigrid.residual.boundary_flux(phi, source.moment), 0.0)  # fmt: skip
     gain = entering_gain(medium.eta)
-    exitance, fluence = flux + entering, 2 * medium.fresnel_A * flux + gain * (entering + kept)
+    exitance = flux + entering
+    fluence = (2 * medium.fresnel_A * flux + gain * (entering + kept)).astype(device.real)
     leaving = follower.leaving if follower else np.zeros((0, 3))
     moment = source.moment.get()[:, :3] - gain * entering if setup.layer else None
     deposit = Deposit(source.wall, source.deposited, source.incident, source.lost)
-    return Solution(unit, [x.get() for x in phi], flux, exitance, fluence, once, leaving, moment, deposit, convergence)
+    return Solution(unit, setup.hold(), flux, exitance, once, leaving, moment, deposit, convergence), fluence
 
 
 def interpolate(setup: Setup, solution: Solution, points: np.ndarray) -> np.ndarray:
     """Fluence (n, 3) at points (n, 3) [mm], linear about the centroids of the leaves that hold them; else NaN."""
     octree, phi = setup.octree, setup.phi
-    for x, values in zip(phi, solution.phi, strict=True):
-        x.set(values)
+    if not solution.phi.on_device:
+        setup.vacate()
+        solution.phi.put()
     setup.multigrid.residual.wall = solution.source.wall
     setup.multigrid.residual.complete(phi)
     out = np.full((len(points), 3), np.nan)

@@ -150,11 +150,16 @@ class Octree:
         """Cells of all levels."""
         return sum(level.n for level in self.levels)
 
+    def volume(self, level: Level) -> np.ndarray:
+        """Volume inside the object of the cells (n,) of a level [mm^3]."""
+        volume = np.full(level.n, level.h**3)
+        if level is self.finest:
+            volume[self.cut.cell.get()] *= self.cut.centroid.get()[:, 3]
+        return volume
+
     def volumes(self) -> list[np.ndarray]:
-        """Volume inside the object of the cells (n,) of each level [mm^3]."""
-        volumes = [np.full(level.n, level.h**3) for level in self.levels]
-        volumes[-1][self.cut.cell.get()] *= self.cut.centroid.get()[:, 3]
-        return volumes
+        """The same of each level."""
+        return [self.volume(level) for level in self.levels]
 
     def apertures(self) -> np.ndarray:
         """Open part (n_cut, 6) of each face of the cut cells, -x +x -y +y -z +z."""

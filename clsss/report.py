@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from clsss import __version__
-from clsss.kept import kept
+from clsss.device import Buffer
 from clsss.lighting import Setup, Solution
-from clsss.octree import Octree
 from clsss.validity import thin_shares
+
+CHUNK = 1 << 16  # cells at a time, so that what is reckoned with takes little memory
 
 
 def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
-    """The report of a bake; `seconds` are those of its stages."""
+    """The report of a bake just made, of which the device still holds the fluence; `seconds` are of its stages."""
     tree, convergence = setup.octree, solution.convergence
     area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
     exited = area @ solution.flux
@@ -42,8 +43,8 @@ def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict
             "factor": convergence.factor,
         },
         "exchange": {
-            "patches": 0 if setup.exchange is None else setup.exchange.share.shape[0],
-            "rays": 0 if setup.exchange is None else setup.exchange.rays,
+            "patches": setup.coupling.patches if setup.coupling else 0,
+            "rays": setup.coupling.rays if setup.coupling else 0,
         },
         "energy": {
             "incident_W": solution.source.incident.tolist(),
@@ -59,26 +60,27 @@ def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict
     }
 
 
-@kept
-def _leaf_volumes(tree: Octree) -> list[np.ndarray]:
-    """Volume inside the object (n,) of the leaves of each level, zero of other cells [mm^3]."""
-    return [volume * level.leaf for level, volume in zip(tree.levels, tree.volumes(), strict=True)]
+def _weighted(values: Buffer, weights: np.ndarray, sigma_a: np.ndarray | None) -> np.ndarray:
+    """Sum (3,) over cells of values (n, 4), times weights (n,) or (n, 3) and, where it varies, sigma_a (n, 3)."""
+    summed = np.zeros(3)
+    for first in range(0, len(weights), CHUNK):
+        weight = weights[first : first + CHUNK]
+        some = values.get(first, len(weight))[:, :3].astype(float)
+        if sigma_a is not None:
+            some *= sigma_a[first : first + CHUNK, :3]
+        summed += weight @ some if weight.ndim == 1 else (weight * some).sum(axis=0)
+    return summed
 
 
 def _absorbed(setup: Setup, solution: Solution) -> np.ndarray:
     """Power absorbed (3,), in multiples of `unit`: by the cells, and in a fitted layer on the way from and to them."""
     tree, medium, layer = setup.octree, setup.medium, setup.layer
     absorbed = solution.source.lost / solution.unit
-    for level, x, volume, sigma_a in zip(tree.levels, solution.phi, _leaf_volumes(tree), medium.sigma_a, strict=True):
-        values, rate = x[: level.n, :3].astype(float), np.ones(3)
-        if medium.homogeneous:
-            rate = np.array(sigma_a.tolist())[:3]
-        else:
-            values *= sigma_a[:, :3]
-        if layer and level is tree.finest:
-            absorbed += rate * (layer.volume * values).sum(axis=0)
-        else:
-            absorbed += rate * (volume @ values)
+    rate = np.array(medium.sigma_a[-1].tolist())[:3] if medium.homogeneous else np.ones(3)
+    for level, x, sigma_a in zip(tree.levels, setup.phi, medium.sigma_a, strict=True):
+        volume = layer.volume if layer and level is tree.finest else tree.volume(level)
+        volume[~level.leaf] = 0
+        absorbed += rate * _weighted(x, volume, None if medium.homogeneous else sigma_a)
     if layer and solution.moment is not None:
         absorbed -= (layer.conductance * (layer.swell - 1) * solution.moment).sum(axis=0)
     return absorbed

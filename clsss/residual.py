@@ -130,4 +130,4 @@ class Residual:
         """J.n = phi_B / (2A) there (n_cut, 3) [W/mm^2], for a complete `phi`; overwrites `phi_B`, if it is given."""
         phi_B = phi_B or self.device.empty(moment.shape)
         self.take_boundary_value(phi, moment, phi_B)
-        return phi_B.get()[:, :3].astype(float) / (2 * self.op.medium.fresnel_A)
+        return phi_B.get()[:, :3] / (2 * self.op.medium.fresnel_A)

@@ -14,6 +14,7 @@ import numpy as np
 from clsss.device import Buffer, Device
 
 SAMPLES = 2**14  # values among which frequent ones are sought
+CHUNK = 2**16  # cells at a time, so that what is found of each takes little memory
 FREQUENT = 4  # transmissibilities of which cells may share rows
 
 
@@ -49,20 +50,28 @@ def _frequent(values: np.ndarray, count: int) -> np.ndarray:
     return found[np.argsort(-times, kind="stable")[:count]]
 
 
+def _patterns(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the frequent values the rows (n, 6) have, as a number, and whether they have no others."""
+    pattern, known = np.zeros(len(values), np.int16), np.zeros(len(values), bool)
+    frequent, place = _frequent(values.ravel(), FREQUENT), FREQUENT ** np.arange(6, dtype=np.int16)
+    for first in range(0, len(values), CHUNK):
+        part = slice(first, first + CHUNK)
+        alike = values[part, :, None] == frequent
+        pattern[part] = (alike @ np.arange(len(frequent), dtype=np.int16)) @ place
+        known[part] = alike.any(axis=2).all(axis=1)
+    return pattern, known
+
+
 def keep(device: Device, T: Buffer, absorb: Buffer) -> tuple[Kept, Kept]:
     """Transmissibilities (n, 6) or (n, 6, 4) and absorption (n, 4) of a level's cells."""
     T_host, absorb_host = T.get(), absorb.get()
     if T_host.ndim == 3:
         return Kept(device.array(T_host[..., :3]), None), Kept(device.array(absorb_host[:, :3]), None)
     sinks = (absorb_host != _frequent(absorb_host, 1)).any(axis=1)
-    pattern, known = np.zeros(len(T_host), np.int64), np.zeros(T_host.shape, bool)
-    for number, value in enumerate(_frequent(T_host.ravel(), FREQUENT)):
-        alike = T_host == value
-        known |= alike
-        pattern += number * alike @ FREQUENT ** np.arange(6)
-    common = np.flatnonzero(known.all(axis=1) & ~sinks)
+    pattern, known = _patterns(T_host)
+    common = np.flatnonzero(known & ~sinks)
     _, first, which = np.unique(pattern[common], return_index=True, return_inverse=True)
-    own, others = np.flatnonzero(sinks), np.flatnonzero(~known.all(axis=1) & ~sinks)
+    own, others = np.flatnonzero(sinks), np.flatnonzero(~known & ~sinks)
     kept = np.concatenate([own, common[first], others])
     row = np.empty(len(T_host), np.int32)
     row[kept] = np.arange(len(kept), dtype=np.int32)

@@ -56,25 +56,33 @@ class Result:
     ----------
     mesh, medium, lights
         What was asked for.
-    vertex_radiosity : (v, 3) float64
-        Radiant exitance of the scattered light, all orders, at the mesh's vertices [W/mm^2].
-    vertex_fluence : (v, 3) float64
-        Fluence of the scattered light just inside the surface [W/mm^2].
     report : dict
         What was done: mesh, octree, convergence, energy, seconds, memory.
-    vertex_radiosity_single : (v, 3) float64, or None
-        With ``scattering="split"``, the part of `vertex_radiosity` that was scattered exactly once.
     """
 
     mesh: Mesh
     medium: Any
     lights: tuple[Any, ...]
-    vertex_radiosity: np.ndarray
-    vertex_fluence: np.ndarray
     report: dict[str, Any]
-    vertex_radiosity_single: np.ndarray | None
     _setup: Setup = field(repr=False)
     _solution: Solution = field(repr=False)
+    _at_vertices: list[np.ndarray] = field(repr=False)  # as computed, in the solution's unit: half of what users get
+
+    @cached_property
+    def vertex_radiosity(self) -> np.ndarray:
+        """Radiant exitance (v, 3) of the scattered light, all orders, at the mesh's vertices [W/mm^2], float64."""
+        return np.multiply(self._at_vertices[0], self._solution.unit, dtype=float)
+
+    @cached_property
+    def vertex_fluence(self) -> np.ndarray:
+        """Fluence (v, 3) of the scattered light just inside the surface [W/mm^2], float64."""
+        return np.multiply(self._at_vertices[1], self._solution.unit, dtype=float)
+
+    @cached_property
+    def vertex_radiosity_single(self) -> np.ndarray | None:
+        """With ``scattering="split"``, the part of `vertex_radiosity` that was scattered exactly once, else None."""
+        once = [np.multiply(values, self._solution.unit, dtype=float) for values in self._at_vertices[2:]]
+        return np.minimum(once[0], self.vertex_radiosity) if once else None
 
     @property
     def blockers(self) -> tuple[Mesh, ...]:
@@ -103,7 +111,7 @@ class Result:
     def _at(self, points: np.ndarray, field: np.ndarray) -> np.ndarray:
         """A field of the cut cells at points on or near the surface."""
         shares = shares_at(self._setup.device, self._setup.octree, points)
-        return _at_surface(shares, self._solution.unit, field)[0]
+        return np.multiply(_at_surface(shares, field)[0], self._solution.unit, dtype=float)
 
     @cached_property
     def _once(self) -> SingleScattering:
@@ -263,32 +271,30 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         at_vertices = shares_at(dev, tree, mesh.vertices, mesh.normals)
     setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, exchange, at_vertices, tuple(blockers), shadows,
                   scattering == "split", tolerance, before)  # fmt: skip
+    del exchange
     return _bake(setup, medium, lights, None, seconds, start, tell)
 
 
 def _bake(setup: Setup, medium: Any, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
           start: float, tell: Progress) -> Result:  # fmt: skip
     """Light the object, and carry what leaves it to the vertices."""
-    solution = light(setup, lights, last, seconds, tell)
-    mesh = setup.mesh
+    solution, inside = light(setup, lights, last, seconds, tell)
     with timed("surface", seconds, tell):
-        fields = [field for field in (solution.exitance, solution.fluence, solution.once) if field is not None]
-        radiosity, fluence, *once = _at_surface(setup.at_vertices, solution.unit, *fields)
-        single = np.minimum(once[0], radiosity) if once else None
+        fields = [field for field in (solution.exitance, inside, solution.once) if field is not None]
+        at_vertices = _at_surface(setup.at_vertices, *fields)
     seconds["total"] = seconds["load"] + perf_counter() - start
     if not solution.convergence.converged:
         worst = float(solution.convergence.residuals[-1].max())
         advice = "use double precision" if setup.device.precision == "single" else "allow a larger tolerance"
         text = f"the solve stopped after {solution.convergence.cycles} cycles at a residual of {worst:.1e}, short of "
         warnings.warn(text + f"the tolerance {setup.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=4)
-    return Result(mesh, medium, lights, radiosity, fluence, account(setup, solution, seconds), single, setup, solution)
+    return Result(setup.mesh, medium, lights, account(setup, solution, seconds), setup, solution, at_vertices)
 
 
-def _at_surface(shares: sparse.csr_matrix, unit: float, *fields: np.ndarray) -> list[np.ndarray]:
+def _at_surface(shares: sparse.csr_matrix, *fields: np.ndarray) -> list[np.ndarray]:
     """Fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
     values = shares @ np.concatenate(fields, axis=1, dtype=shares.dtype)
-    columns = np.split(values, len(fields), axis=1)
-    return [np.maximum(column, 0, dtype=float) * unit for column in columns]
+    return np.split(np.maximum(values, 0, out=values), len(fields), axis=1)
 
 
 def _reporter(progress: bool | Progress | None) -> Progress:

@@ -21,13 +21,19 @@ WIDTH = 24  # cut cells that most fits do with
 CHUNK = 1 << 13  # points at a time, so that the device need not hold much
 
 
+def boundary_normals(octree: Octree) -> np.ndarray:
+    """Unit outward normals (n_cut, 3) of the cut cells."""
+    normal = octree.cut.normal.get()[:, :3].astype(float)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= np.where(size > 0, size, 1)
+    return normal
+
+
 def boundary_points(octree: Octree) -> tuple[np.ndarray, np.ndarray]:
     """Boundary centroids (n_cut, 3) [mm] and unit outward normals (n_cut, 3) of the cut cells."""
-    cut, ijk = octree.cut, octree.finest.ijk
-    points = octree.grid.to_mm(ijk[cut.cell.get()] + cut.boundary.get()[:, :3].astype(float))
-    normal = cut.normal.get()[:, :3].astype(float)
-    size = np.linalg.norm(normal, axis=1, keepdims=True)
-    return points, normal / np.where(size > 0, size, 1)
+    cut = octree.cut
+    points = octree.grid.to_mm(octree.finest.position[cut.cell.get()] + cut.boundary.get()[:, :3].astype(float))
+    return points, boundary_normals(octree)
 
 
 def tangent_frame(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
