@@ -75,20 +75,28 @@ def shares_at(device: Device, octree: Octree, points: np.ndarray,
         normals = normals.copy()
         normals[unknown] = direction[cKDTree(centre).query(points[unknown])[1]]
     cells = octree.lend_body()[:-1]
-    parts = [(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, device.real))]
+    parts: list[list[np.ndarray]] = [[np.zeros(0, kind)] for kind in (np.int32, np.int32, device.real)]
     for first in range(0, n, CHUNK):
         used, cuts, shares = _fit(device, octree, cells, points[first : first + CHUNK], normals[first : first + CHUNK])
         none = np.flatnonzero(used == 0)
         cuts[none, 0], shares[none, 0], used[none] = -1, 1, 1
         kept = np.arange(cuts.shape[1]) < used[:, None]
-        parts.append((used, cuts[kept], shares[kept]))
-    counts, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
+        for part, found in zip(parts, (used, cuts[kept], shares[kept]), strict=True):
+            part.append(found)
+    counts, columns, values = (_joined(part) for part in parts)
     start = np.concatenate([[0], np.cumsum(counts)])
     far = np.flatnonzero(columns < 0)
     if len(far):
         lone = points[np.searchsorted(start, far)]
         columns[far] = cKDTree(boundary_points(octree)[0]).query(lone)[1]
     return sparse.csr_matrix((values, columns, start), (n, octree.cut.n))
+
+
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    """Arrays end to end; the list is emptied."""
+    joined = np.concatenate(parts)
+    parts.clear()
+    return joined
 
 
 def _fit(device: Device, octree: Octree, cells: tuple[Any, ...], points: np.ndarray,
