@@ -7,7 +7,7 @@
 #ifdef HETEROGENEOUS
 #define COND REAL4
 #define MEDIUM __global const REAL *restrict
-#define AT(value, i) vload3(i, value).xyzz
+#define AT(value, i) colours_at(i, value)
 #define MEAN(t) (((t).x + (t).y + (t).z) / 3)
 #define SCALE(value, D) (value)
 #else

@@ -4,9 +4,9 @@
  */
 #ifdef HETEROGENEOUS
 #define ROW_OF(i, rows) (i)
-#define T_AT(T, face) vload3(face, T).xyzz
+#define T_AT(T, face) colours_at(face, T)
 #define SINK REAL
-#define SINK_AT(absorb, row) vload3(row, absorb).xyzz
+#define SINK_AT(absorb, row) colours_at(row, absorb)
 #else
 #define ROW_OF(i, rows) rows[i]
 #define T_AT(T, face) T[face]
