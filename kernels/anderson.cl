@@ -31,13 +31,13 @@ __kernel void change_products(const int n, __global const REAL *restrict r, __gl
     for (int k = 0; k < 7; k++) sum_of_group(sum[k], part, partial + 7 * get_group_id(0) + k);
 }
 
-/* Move phi and r by -sum_k g_k of the last steps and changes; phi has more rows, its ghosts. The oldest of them make room for the next: phi's move and
- * -r, to which the next correction and the next residual are added. */
+/* Move phi and r by -sum_k g_k of the last steps and changes; phi has more rows than r, for ghosts. The oldest of them
+ * make room for the next: phi's move and -r, to which the next correction and the next residual are added. */
 // cost move: 26R+24 B, 48 flop
-__kernel void move(const int n, const int n_cells, const REAL4 g0, const REAL4 g1, const REAL4 g2, __global const REAL *restrict s0,
-                   __global const REAL *restrict s1, __global const ushort *restrict d0,
-                   __global const ushort *restrict d1, __global REAL *restrict s2, __global ushort *restrict d2,
-                   __global REAL4 *restrict phi, __global REAL *restrict r) {
+__kernel void move(const int n, const int n_cells, const REAL4 g0, const REAL4 g1, const REAL4 g2,
+                   __global const REAL *restrict s0, __global const REAL *restrict s1,
+                   __global const ushort *restrict d0, __global const ushort *restrict d1, __global REAL *restrict s2,
+                   __global ushort *restrict d2, __global REAL4 *restrict phi, __global REAL *restrict r) {
     const int i = get_global_id(0);
     if (i >= n) return;
     const REAL4 step = -(g0 * colours_at(i, s0) + g1 * colours_at(i, s1) + g2 * colours_at(i, s2));

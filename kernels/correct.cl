@@ -6,7 +6,7 @@
 
 /* The gradient along an axis; the spare channel repeats the third. */
 REAL4 slope_along(const int c, const int axis, __global const REAL *restrict slope) {
-    return vload3(3 * c + axis, slope).xyzz;
+    return colours_at(3 * c + axis, slope);
 }
 
 REAL4 along(const int c, const REAL4 d, __global const REAL *restrict slope) {

@@ -43,11 +43,9 @@ __kernel void junction_shares(const int n, __global const int *restrict face, __
 
 // cost smooth_with_junctions: 45R+28 B, 68 flop
 __kernel void smooth_with_junctions(const int first, const int n, const REAL omega, __global const int *restrict nbr,
-                                    __global const int *restrict rows, const int last, __global const REAL *restrict T,
-                                    __global const SINK *restrict absorb, __global const REAL *restrict b,
-                                    const int n_rows, __global const int *restrict start,
-                                    __global const int *restrict cell, __global const COND *restrict share,
-                                    __global REAL4 *restrict x) {
+                                    TWO_POINT, __global const REAL *restrict b, const int n_rows,
+                                    __global const int *restrict start, __global const int *restrict cell,
+                                    __global const COND *restrict share, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
     const int row = ROW_OF(i, rows);
@@ -61,9 +59,7 @@ __kernel void smooth_with_junctions(const int first, const int n, const REAL ome
 }
 
 // cost leave_residual_with_junctions: 45R+28 B, 76 flop
-__kernel void leave_residual_with_junctions(const int n, __global const int *restrict nbr,
-                                            __global const int *restrict rows, const int last,
-                                            __global const REAL *restrict T, __global const SINK *restrict absorb,
+__kernel void leave_residual_with_junctions(const int n, __global const int *restrict nbr, TWO_POINT,
                                             __global const REAL *restrict b, const int n_rows,
                                             __global const int *restrict start, __global const int *restrict cell,
                                             __global const COND *restrict share, __global REAL4 *x) {

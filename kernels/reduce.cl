@@ -5,8 +5,8 @@
 
 /* Partial inner products, one of each tile; rows are 3 or 4 numbers wide. */
 // cost inner_product: 384R B, 512 flop
-__kernel void inner_product(const int n, const int width, __global const REAL *restrict x, __global const REAL *restrict y,
-                            __global REAL4 *restrict partial) {
+__kernel void inner_product(const int n, const int width, __global const REAL *restrict x,
+                            __global const REAL *restrict y, __global REAL4 *restrict partial) {
     __local REAL4 part[GROUP];
     REAL4 sum = (REAL4)(0);
     for (int i = first_of_tile(); i < end_of_tile(n); i += GROUP)

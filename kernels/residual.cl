@@ -1,27 +1,21 @@
-/* residual.cl -- r = b - A x on one level, as sums of differences so that float32 keeps the small ones. */
+/* residual.cl -- r = b - A x on one level. */
 #include "real.h"
 #include "conductance.h"
 #include "rows.h"
+#include "residual.h"
 
 // cost residual: 38R+6C+28 B, 76 flop
-__kernel void residual(const int n, __global const int *restrict nbr, __global const int *restrict rows, const int last,
-                       __global const REAL *restrict T, __global const SINK *restrict absorb,
+__kernel void residual(const int n, __global const int *restrict nbr, TWO_POINT,
                        __global const REAL *restrict b, __global const REAL4 *restrict x, __global REAL *restrict r) {
     const int i = get_global_id(0);
-    if (i >= n) return;
-    const int row = ROW_OF(i, rows);
-    const REAL4 own = x[i];
-    REAL4 sum = colours_at(i, b) - SINK_AT(absorb, min(row, last)) * own;
-    for (int f = 0; f < 6; f++) sum += T_AT(T, 6 * row + f) * (x[nbr[6 * i + f]] - own);
-    vstore3(sum.xyz, i, r);
+    if (i < n) vstore3(residual_at(i, nbr, rows, last, T, absorb, b, x).xyz, i, r);
 }
 
 /* The same on the leaves of a coarser level: faces to covered cells are left to their fine faces (reflux). */
 // cost residual_of_leaves: 38R+6C+35 B, 76 flop
 __kernel void residual_of_leaves(const int n, __global const int *restrict nbr, __global const uchar *restrict is_leaf,
-                                 __global const int *restrict rows, const int last, __global const REAL *restrict T,
-                                 __global const SINK *restrict absorb, __global const REAL *restrict b,
-                                 __global const REAL4 *restrict x, __global REAL *restrict r) {
+                                 TWO_POINT, __global const REAL *restrict b, __global const REAL4 *restrict x,
+                                 __global REAL *restrict r) {
     const int i = get_global_id(0);
     if (i >= n) return;
     if (!is_leaf[i]) {

@@ -7,19 +7,14 @@
 #include "real.h"
 #include "conductance.h"
 #include "rows.h"
+#include "residual.h"
 #include "child.h"
 
 // cost leave_residual: 39R+6C+28 B, 76 flop
-__kernel void leave_residual(const int n, __global const int *restrict nbr, __global const int *restrict rows,
-                             const int last, __global const REAL *restrict T, __global const SINK *restrict absorb,
+__kernel void leave_residual(const int n, __global const int *restrict nbr, TWO_POINT,
                              __global const REAL *restrict b, __global REAL4 *x) {
     const int i = get_global_id(0);
-    if (i >= n) return;
-    const int row = ROW_OF(i, rows);
-    const REAL4 own = x[i];
-    REAL4 sum = colours_at(i, b) - SINK_AT(absorb, min(row, last)) * own;
-    for (int f = 0; f < 6; f++) sum += T_AT(T, 6 * row + f) * (x[nbr[6 * i + f]] - own);
-    x[i] = sum;
+    if (i < n) x[i] = residual_at(i, nbr, rows, last, T, absorb, b, x);
 }
 
 // cost restrict_residual: 19R+36 B, 12 flop

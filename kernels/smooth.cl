@@ -10,9 +10,7 @@
 
 // cost smooth: 39R+6C+28 B, 68 flop
 __kernel void smooth(const int first, const int n, const REAL omega, __global const int *restrict nbr,
-                     __global const int *restrict rows, const int last, __global const REAL *restrict T,
-                     __global const SINK *restrict absorb, __global const REAL *restrict b,
-                     __global REAL4 *restrict x) {
+                     TWO_POINT, __global const REAL *restrict b, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
     const int row = ROW_OF(i, rows);
@@ -27,8 +25,7 @@ __kernel void smooth(const int first, const int n, const REAL omega, __global co
 
 /* The first half of the first sweep, from zero everywhere: neighbours have nothing to give. */
 // cost smooth_from_zero: 11R+6C+4 B, 14 flop
-__kernel void smooth_from_zero(const int first, const int n, const REAL omega, __global const int *restrict rows,
-                               const int last, __global const REAL *restrict T, __global const SINK *restrict absorb,
+__kernel void smooth_from_zero(const int first, const int n, const REAL omega, TWO_POINT,
                                __global const REAL *restrict b, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
