@@ -168,8 +168,9 @@ def parameters(source: str, kernel: str, defines: tuple[str, ...]) -> dict[str, 
     head = re.search(rf"__kernel\s+void\s+{kernel}\s*\((.*?)\)\s*{{", source, re.S)
     assert head, kernel
     text = head[1]
+    several = r"\b(BODY|TREE|MEDIUM|EXTINCTION|COND|MATRIX|TWO_POINT)\b"
     for _ in range(2):  # a body's arguments hold those of its extinction
-        text = re.sub(r"\b(BODY|TREE|MEDIUM|EXTINCTION|COND|MATRIX|TWO_POINT)\b", lambda m: macros.get(m[0], m[0]), text)
+        text = re.sub(several, lambda m: macros.get(m[0], m[0]), text)
     declared = [" ".join(part.split()) for part in text.split(",")]
     return {d.split()[-1].lstrip("*"): d.startswith("__global") and "const" not in d.split() for d in declared}
 
