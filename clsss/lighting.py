@@ -97,8 +97,8 @@ class Fluence:
         if self.on_device:
             self._kept = [x.get(0, n)[:, :3].copy() for x, n in zip(self._place, self._sizes, strict=True)]
 
-    def put(self, scale: float = 1.0) -> None:
-        """Overwrite what is on the device with this, times `scale`, unless it is there; ghosts are to be completed."""
+    def put(self, scale: float | np.ndarray = 1.0) -> None:
+        """Overwrite what is on the device with this, times `scale` (3,), unless it is there; ghosts are to be completed."""
         if self._kept is None:
             return
         for x, values in zip(self._place, self._kept, strict=True):
@@ -188,9 +188,12 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         follower = Interreflection(coupling, setup.multigrid.residual, source, phi) if coupling else None
         phi.whole.fill(0)
         if last is not None:
-            last.phi.put(last.unit / unit)
+            # As bright as the lights are now, by channels: where nothing is deposited no residual is told.
+            before, now = last.source.deposited / last.unit, source.deposited / unit
+            brighter = np.divide(now, before, out=np.zeros(3), where=before > 0)
+            last.phi.put(brighter)
             if follower:
-                follower.start_from(last.leaving * (last.unit / unit))
+                follower.start_from(last.leaving * brighter)
         convergence = setup.multigrid.solve(
             source.b, phi, setup.tolerance, progress=lambda f: tell("solve", f), follower=follower,
             from_zero=last is None,

@@ -416,6 +416,20 @@ def test_no_points(small):
         assert values.shape == (0, 3)
 
 
+@pytest.mark.parametrize("colour", [(1, 0, 0), (0, 0.3, 0), (0, 0, 0), (1e-25, 1e-25, 0), (1e25, 0, 1e25)])
+def test_relight_in_another_colour(small, colour):
+    """As baked anew: dark where there is no light, without more cycles, however bright it was before."""
+    lights = [DirectionalLight(SUN.direction, colour)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = small.relight(lights)
+    expected = simulate(small.mesh, small.medium, lights, resolution=24)
+    assert found.report["solve"]["converged"]
+    assert found.report["solve"]["cycles"] <= expected.report["solve"]["cycles"]
+    np.testing.assert_allclose(found.vertex_radiosity, expected.vertex_radiosity, rtol=1e-3)
+    assert not found.vertex_radiosity[:, np.array(colour) == 0].any()
+
+
 def test_relight_refuses_what_simulate_refuses(small):
     for lights in ([], ["sun"]):
         with pytest.raises(InputError, match="lights: "):
