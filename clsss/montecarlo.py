@@ -30,6 +30,7 @@ from clsss.transport import Sources, Walk, gather, make_scene
 
 CAP = 200_000  # collisions after which a path is given up; reported, never silent
 PATCH = 0.01  # of the mesh's size: radius of the surface around a point that photons are counted on
+SILENT = 0.1  # share of the points that may count no photon before it is said
 LEAK = 1e-4  # share of the paths that may slip through the surface before it is said
 
 
@@ -151,6 +152,7 @@ def estimate(
         lit = launched(scene, sources, mesh)
         results, energy = photons.trace(scene, lit, patches, n_paths * n, medium.eta, walk)
         incident = max(energy["incident"].sum(), np.finfo(float).tiny)
+        _tell_of_silence(results["radiosity"], energy["scattered"], n_paths)
         lost, capped = (float(energy[k].sum() / incident) for k in ("lost", "capped"))
     else:
         radius = 0.0
@@ -194,6 +196,15 @@ def check_counts(n_paths: Any, seed: Any) -> None:
         whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
         if not whole or not least <= value < 2**31:
             raise InputError(f"{name}: needs a whole number from {least} to {2**31 - 1}, got {value!r}")
+
+
+def _tell_of_silence(radiosity: np.ndarray, scattered: np.ndarray, n_paths: int) -> None:
+    """Warn where no photon was counted at many of the points (n, 3), though some left elsewhere."""
+    silent = int(np.all(radiosity == 0, axis=1).sum())
+    if silent > SILENT * len(radiosity) and scattered.sum() > 0:
+        text = f"no photon was counted at {silent} of {len(radiosity)} points, whose 0 is no estimate"
+        advice = f"trace more than {n_paths} for each, they go everywhere, or give more points or a larger radius"
+        warnings.warn(f"{text}: {advice}", PathWarning, stacklevel=4)
 
 
 def _tell(mesh: Mesh, lost: float, capped: float) -> None:

@@ -10,6 +10,7 @@ import json
 import os
 import re
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -409,6 +410,18 @@ def test_open_mesh_reports_what_slips_out():
         number, place = re.search(r"(\d+) of its edges are open, near \((.*)\) mm", str(told[0].message)).groups()
         assert int(number) > 20
         assert np.linalg.norm(gap - [float(x) for x in place.split(",")], axis=1).min() < 0.5
+
+
+def test_points_without_a_photon_are_reported():
+    """Photons go everywhere: of few points some see none, and 0 +- 0 is no estimate."""
+    mesh, glassy = ball(), Material(0.01, 1.0, eta=1.3)
+    with pytest.warns(PathWarning, match=r"no photon was counted at \d+ of 5 points"):
+        estimate(mesh, glassy, [DOWN], 20, mesh.vertices[:5])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        estimate(mesh, glassy, [DOWN], 20000, mesh.vertices[:5], radius=3.0)
+        dark = estimate(mesh, glassy, [DirectionalLight((0, 0, -1), 0.0)], 20, mesh.vertices[:5])
+    assert not dark.radiosity.any()
 
 
 def test_capped_paths_are_reported(monkeypatch):
