@@ -244,7 +244,11 @@ def _light(option: LightOption, bounds: np.ndarray, up: str) -> Light:
     given = option.strength or (1.0,)
     strength: Any = given[0] if len(given) == 1 else given
     if option.kind == "env":
-        return EnvironmentLight(read_radiance(option.file) if option.file else strength, up)
+        radiance = read_radiance(option.file) if option.file else strength
+        try:
+            return EnvironmentLight(radiance, up)
+        except InputError as error:
+            raise InputError(f"{option.file}: {error}" if option.file else str(error)) from error
     vector = np.array(option.vector)
     if option.kind == "directional":
         return DirectionalLight(vector, strength)

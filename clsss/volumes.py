@@ -84,6 +84,9 @@ def _npz(path: Path) -> Volume:
     for key in ("origin", "spacing"):
         if key in values and values[key].shape not in ((), (3,)):
             raise InputError(f"{key}: needs one number or three, got shape {values[key].shape}")
+    for key, axes in (("weight", (3,)), ("sigma_a", (3, 4)), ("sigma_s", (3, 4))):
+        if key in values and values[key].ndim not in axes:
+            raise InputError(f"{key}: needs shape (nx, ny, nz{'[, 3]' * (len(axes) > 1)}), got {values[key].shape}")
     coefficients = (values["sigma_a"], values["sigma_s"]) if "sigma_a" in values else None
     origin, spacing = (np.broadcast_to(values[k], 3) if k in values else None for k in ("origin", "spacing"))
     g, eta = (values[k].item() if k in values else None for k in ("g", "eta"))

@@ -92,13 +92,19 @@ def test_default_lights_follow_the_up_axis():
         assert y.direction[1] < 0  # from above
 
 
-def test_environment(tmp_path):
+def test_environment(tmp_path, monkeypatch):
     pixels = np.array([[[128, 64, 32, 129], [0, 0, 0, 0]]], np.uint8)
     path = tmp_path / "himmel über.hdr"
     path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n" + pixels.tobytes())
     (sky,) = request.lights_from(parsed("--light", f"env:{path}", "--up", "z"), box())
     np.testing.assert_allclose(sky.radiance, [[[1, 0.5, 0.25], [0, 0, 0]]])
     assert sky.up == "z"
+    path.write_bytes(b"junk")
+    with pytest.raises(InputError, match="himmel über"):
+        request.lights_from(parsed("--light", f"env:{path}"), box())
+    monkeypatch.setattr(images, "read_radiance", lambda path: np.full((1, 2, 3), np.nan))
+    with pytest.raises(InputError, match="himmel über.hdr: radiance: .* not finite"):
+        request.lights_from(parsed("--light", f"env:{path}"), box())
     (grey,) = request.lights_from(parsed("--light", "env:0.5"), box())
     np.testing.assert_allclose(grey.radiance, 0.5)
 

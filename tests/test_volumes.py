@@ -127,6 +127,8 @@ def test_coefficients_in_a_vector_nrrd(tmp_path):
         ("flat.npy", "needs shape"),
         ("unknown.npz", "unknown array 'sigma_t'"),
         ("half.npz", "needs the arrays"),
+        ("plane.npz", "weight: needs shape (nx, ny, nz), got (4, 5)"),
+        ("line.npz", "sigma_a: needs shape (nx, ny, nz[, 3]), got (5,)"),
         ("corner.npz", "go together"),
         ("beside.npz", "beside the mesh"),
         ("large.npy", "within 0 and 1"),
@@ -142,6 +144,8 @@ def test_what_is_wrong_is_said(tmp_path, name, says):
     np.save(tmp_path / "weight.npy", WEIGHT)
     np.savez(tmp_path / "unknown.npz", sigma_t=WEIGHT)
     np.savez(tmp_path / "half.npz", sigma_a=WEIGHT)
+    np.savez(tmp_path / "plane.npz", weight=np.ones((4, 5)))
+    np.savez(tmp_path / "line.npz", sigma_a=np.ones(5), sigma_s=np.ones(5))
     np.savez(tmp_path / "corner.npz", weight=WEIGHT, origin=0)
     np.savez(tmp_path / "beside.npz", weight=WEIGHT, origin=-900, spacing=1)
     if name.endswith("nrrd"):
