@@ -152,7 +152,6 @@ def estimate(
         lit = launched(scene, sources, mesh)
         results, energy = photons.trace(scene, lit, patches, n_paths * n, medium.eta, walk)
         incident = max(energy["incident"].sum(), np.finfo(float).tiny)
-        _tell_of_silence(results["radiosity"], energy["scattered"], n_paths)
         lost, capped = (float(energy[k].sum() / incident) for k in ("lost", "capped"))
     else:
         radius = 0.0
@@ -162,6 +161,8 @@ def estimate(
         results[name][on] = values
     results["stderr"] = results.pop("radiosity_stderr")
     _tell(mesh, lost, capped)
+    if forward:
+        _tell_of_silence(results["radiosity"][on], energy["scattered"], n_paths)
     seconds = time.perf_counter() - started
     return Estimate(**results, lost=lost, capped=capped, energy=energy, radius=radius, seconds=seconds)
 
@@ -204,7 +205,7 @@ def _tell_of_silence(radiosity: np.ndarray, scattered: np.ndarray, n_paths: int)
     if silent > SILENT * len(radiosity) and scattered.sum() > 0:
         text = f"no photon was counted at {silent} of {len(radiosity)} points, whose 0 is no estimate"
         advice = f"trace more than {n_paths} for each, they go everywhere, or give more points or a larger radius"
-        warnings.warn(f"{text}: {advice}", PathWarning, stacklevel=4)
+        warnings.warn(f"{text}: {advice}", PathWarning, stacklevel=3)
 
 
 def _tell(mesh: Mesh, lost: float, capped: float) -> None:
