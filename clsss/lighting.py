@@ -98,7 +98,7 @@ class Fluence:
             self._kept = [x.get(0, n)[:, :3].copy() for x, n in zip(self._place, self._sizes, strict=True)]
 
     def put(self, scale: float | np.ndarray = 1.0) -> None:
-        """Overwrite what is on the device with this, times `scale` (3,), unless it is there; ghosts are to be completed."""
+        """Overwrite what the device has with this, times `scale` by channels, if it is not there; ghosts get stale."""
         if self._kept is None:
             return
         for x, values in zip(self._place, self._kept, strict=True):

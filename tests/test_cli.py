@@ -103,7 +103,7 @@ def test_environment(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="himmel über"):
         request.lights_from(parsed("--light", f"env:{path}"), box())
     monkeypatch.setattr(images, "read_radiance", lambda path: np.full((1, 2, 3), np.nan))
-    with pytest.raises(InputError, match="himmel über.hdr: radiance: .* not finite"):
+    with pytest.raises(InputError, match=r"himmel über\.hdr: radiance: .* not finite"):
         request.lights_from(parsed("--light", f"env:{path}"), box())
     (grey,) = request.lights_from(parsed("--light", "env:0.5"), box())
     np.testing.assert_allclose(grey.radiance, 0.5)
