@@ -163,14 +163,15 @@ def parameters(source: str, kernel: str, defines: tuple[str, ...]) -> dict[str, 
             active[-1] = not active[-1]
         elif line.startswith("#endif"):
             active.pop()
-        elif all(active) and (found := re.match(r"#define (\w+) (.+)", line)):
+        elif all(active) and (found := re.match(r"#define (\w+)(?:\(\w+\))? (.+)", line)):
             macros[found[1]] = found[2]
     head = re.search(rf"__kernel\s+void\s+{kernel}\s*\((.*?)\)\s*{{", source, re.S)
     assert head, kernel
     text = head[1]
-    several = r"\b(BODY|TREE|MEDIUM|EXTINCTION|COND|MATRIX|TWO_POINT)\b"
+    several = r"\b(BODY|TREE|MEDIUM|EXTINCTION|COND|TWO_POINT)\b"
     for _ in range(2):  # a body's arguments hold those of its extinction
         text = re.sub(several, lambda m: macros.get(m[0], m[0]), text)
+        text = re.sub(r"\b(MATRIX|PLACES)\((\w+)\)", lambda m: re.sub(r"\bm\b(##)?", m[2], macros[m[1]]), text)
     declared = [" ".join(part.split()) for part in text.split(",")]
     return {d.split()[-1].lstrip("*"): d.startswith("__global") and "const" not in d.split() for d in declared}
 

@@ -85,13 +85,13 @@ class Beams:
         n_cut = octree.cut.n
         self.Q, self._F = lent or (Load(device, octree), Field(device, octree))
         self.Q.whole.fill(0)
-        self.moment = device.zeros((n_cut, CHANNELS))
-        self.wall = device.zeros((n_cut, CHANNELS)) if medium.g else None
-        self.lost = device.zeros((n_cut, CHANNELS))
+        self.moment = device.zeros((n_cut, 3))
+        self.wall = device.zeros((n_cut, 3)) if medium.g else None
+        self.lost = device.zeros((n_cut, 3))
         self.incident = np.zeros(3)
         orders, cut_order = ray_order(octree)
         self._orders, self._cut_order = [device.array(order) for order in orders], device.array(cut_order)
-        self._F_B = device.empty((n_cut, CHANNELS))
+        self._F_B = device.empty((n_cut, 3))
         self._position = [level.lend_position(device) for level in octree.levels]
         self._aperture = device.array(octree.cut.aperture)
         self._body = (*octree.lend_body(), *extinction(device, octree, medium))

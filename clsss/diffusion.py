@@ -121,7 +121,8 @@ class PerLevel(list[Buffer]):
     def __init__(self, device: Device, sizes: list[int], width: int):
         starts = np.concatenate([[0], np.cumsum([-(-n // device.row_alignment) * device.row_alignment for n in sizes])])
         self.whole = device.zeros((int(starts[-1]), width))
-        super().__init__(self.whole.rows(int(first), n) for first, n in zip(starts, sizes, strict=False))
+        self.start = starts[:-1].tolist()
+        super().__init__(self.whole.rows(first, n) for first, n in zip(self.start, sizes, strict=True))
 
 
 class Field(PerLevel):

@@ -30,7 +30,7 @@ from clsss.surface import boundary_points, tangent_frame
 PROBES = 8  # rays that tell whether a patch sees the object at all
 RAYS = 32  # rays of those that do
 PATCHES = 64  # patches along the longest side of the grid, at least
-NEAREST = 6  # patches that a cut cell's share is blended from
+NEAREST = 6  # patches around a cut cell, of which its share is blended: all but the one that weighs least
 CHUNK = 1 << 15  # rays at a time, of which both host and device hold much
 HUGE = 1e30  # extinction of the object, for rays that go around it
 GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # R3 low-discrepancy sequence
@@ -108,15 +108,18 @@ def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np
 def _blend(share: sparse.csr_matrix, points: np.ndarray, normals: np.ndarray) -> sparse.csr_matrix:
     centres, facing = share @ points, share @ normals
     tree, n, k = cKDTree(centres), len(points), min(NEAREST, len(centres))
-    weight, near = np.empty((n, k)), np.empty((n, k), np.int32)
+    weight, near = np.empty((n, k - 1)), np.empty((n, k - 1), np.int32)
     for first in range(0, n, CHUNK):
         part = slice(first, first + CHUNK)
         distance, found = (x.reshape(-1, k) for x in tree.query(points[part], k=k, workers=-1))
         reach = distance[:, -1:] * (1 + 1e-9) + 1e-300
         alike = np.maximum(1e-6, np.einsum("nd,nkd->nk", normals[part], facing[found]))
         shares = alike**2 * (1 - (distance / reach) ** 2 + 1e-3)
-        weight[part], near[part] = shares / shares.sum(axis=1, keepdims=True), found
-    blend = sparse.csr_matrix((weight.ravel(), near.ravel(), np.arange(0, n * k + 1, k)), shape=share.shape[::-1])
+        kept = np.arange(k) != shares.argmin(axis=1)[:, None]
+        shares = shares[kept].reshape(-1, k - 1)
+        weight[part], near[part] = shares / shares.sum(axis=1, keepdims=True), found[kept].reshape(-1, k - 1)
+    start = np.arange(n + 1) * (k - 1)
+    blend = sparse.csr_matrix((weight.ravel(), near.ravel(), start), shape=share.shape[::-1])
     blend.sort_indices()
     return blend
 

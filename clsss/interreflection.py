@@ -13,15 +13,22 @@ import numpy as np
 
 from clsss.boundary import Boundary
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Load, Operator, channels
+from clsss.diffusion import CHANNELS, Field, Load, Operator
 from clsss.exchange import Exchange, patch_depth
 from clsss.residual import Residual
-from clsss.source import Source, subtract_moment
-from clsss.sparsematrix import SparseMatrix
-from clsss.sums import sum_of_parts, take_products, tiles
+from clsss.room import Room
+from clsss.source import Source, add_entered
+from clsss.sparsematrix import SparseMatrix, places_of
+from clsss.sums import GROUP, sum_of_parts, tiles
 
 PASSAGES = 3  # of light between parts of the surface, within each cycle
 ROUGHLY = 1  # sweeps of a V-cycle that only tells what light goes on to the next passage
+
+
+def _shortened(device: Device, values: np.ndarray) -> Buffer:
+    """Numbers in 16 bits (real.h), for what changes the way to a solution alone."""
+    bits = values.astype(np.float32).view(np.uint32)
+    return device.array(((bits + 0x7FFF + ((bits >> 16) & 1)) >> 16).astype(np.uint16))
 
 
 class PatchCoupling:
@@ -34,133 +41,134 @@ class PatchCoupling:
     device : Device
     op : Operator
     exchange : Exchange
+    e : Field
+        The correction of those V-cycles: lent where it is not wanted, the finest level's red cells while coarser ones
+        are solved, coarser levels while residuals are taken.
 
     Attributes
     ----------
     level : int
         The level that is solved together with the light on its way, of cells as wide as patches.
-    B : (p, 4) real, device
+    B : (p, 3) real, device
         All light that leaves each patch.
-    change : (p, 4) real, device
+    change : (p, 3) real, device
         How far the last step moved it; `respond` uses it up.
     patches, rays : int
         How many there are, and how many were traced.
     """
 
-    def __init__(self, device: Device, op: Operator, exchange: Exchange):
+    def __init__(self, device: Device, op: Operator, exchange: Exchange, e: Field):
         self.device, self.op, self._gain = device, op, exchange.gain
         self.patches, self.rays = exchange.share.shape[0], exchange.rays
         levels, boundary = op.octree.levels, Boundary(op)
         self.level = max(0, len(levels) - 1 - patch_depth(op.octree))
         above = boundary.above(exchange, len(levels) - 1 - self.level)
-        self._share, self._blend = SparseMatrix(device, exchange.share), SparseMatrix(device, exchange.blend)
+        self._patches, self._blend = places_of(device, exchange.share), SparseMatrix(device, exchange.blend)
         self._arriving = SparseMatrix(device, exchange.arriving)
         self._entering = SparseMatrix(device, exchange.entering, self._arriving)
-        self._giving = device.array(channels(exchange.gain * (exchange.share @ boundary.per_area)))
+        self._giving = _shortened(device, exchange.gain * (exchange.share @ boundary.per_area))
         self._above = {
-            k: (device.array(seen.cell.astype(np.int32)), device.array(channels(exchange.gain * seen.entering)),
-                SparseMatrix(device, seen.blend), device.empty((len(seen.cell), CHANNELS)))
+            k: (device.array(seen.cell.astype(np.int32)), _shortened(device, exchange.gain * seen.entering),
+                SparseMatrix(device, seen.blend))
             for k, seen in zip(range(len(levels) - 2, self.level - 1, -1), above, strict=True)
         }  # fmt: skip
-        self._leaving = device.array(channels(above[-1].leaving))
+        self._leaving = _shortened(device, above[-1].leaving)
         self._share_above = SparseMatrix(device, above[-1].share)
         p = exchange.share.shape[0]
-        self.B, self.change = device.zeros((p, CHANNELS)), device.zeros((p, CHANNELS))
-        self._more, self._next, self._entered = (device.empty((p, CHANNELS)) for _ in range(3))
+        self.B, self.change = device.zeros((p, 3)), device.zeros((p, 3))
+        self._came_in = Room(device, e.whole, 0, e.start[-1]).empty((p, 3))
+        room = Room(device, e.whole, e.start[-1], e.start[-1] + op.octree.finest.colour_start[1])
+        self._entered, self._steady, self._more = (room.empty((p, 3)) for _ in range(3))
         # what solving `level` changes of right-hand sides: at its cells over cut ones, at leaves next to finer cells
         cells = [*(level.interface for level in levels[: self.level]), self._above[self.level][0]]
-        self._changed = [(k, at, device.empty((at.shape[0], 3))) for k, at in enumerate(cells) if at.shape[0]]
-        self._moment = device.empty((op.octree.cut.n, CHANNELS))
-        self._take, self._put, self._leave, self._enter, self._subtract = (
-            device.kernel("passage", name) for name in ("take_rows", "put_rows", "leave", "enter", "subtract_scaled")
+        self._changed = [(k, at, room.empty((at.shape[0], 3))) for k, at in enumerate(cells) if at.shape[0]]
+        self._take, self._put, self._leave, self._enter, self._subtract, self._add, self._advance = (
+            device.kernel("passage", name)
+            for name in ("take_rows", "put_rows", "leave", "enter", "subtract_scaled", "add_rows", "advance")
         )
-        self._combination = device.kernel("reduce", "combine")
         self._squares = [device.zeros((tiles(p), CHANNELS)) for _ in range(2)]
 
-    def boundary_moment(self, plus: Buffer | None = None) -> Buffer:
-        """First moment (n_cut, 4) at the boundary of all light that enters, and of `plus`."""
-        self._entering.multiply(1, self.B, self._entered)
-        return self._moment_of_entered(plus)
-
-    def _moment_of_entered(self, plus: Buffer | None = None) -> Buffer:
-        self._blend.multiply(-self._gain, self._entered, self._moment, plus)
-        return self._moment
-
-    def entered(self) -> np.ndarray:
-        """H_t (n_cut, 3) at the boundary, after `boundary_moment`, whose buffer it overwrites."""
-        self._blend.multiply(1, self._entered, self._moment)
-        return self._moment.get()[:, :3]
-
-    def flux_of_patches(self, phi_B: Buffer) -> Buffer:
-        """J.n (p, 4) of each patch, for fluence (n_cut, 4) at the boundary."""
-        flux = self.device.empty(self.B.shape)
-        self._share.multiply(1 / (2 * self.op.medium.fresnel_A), phi_B, flux)
-        return flux
-
-    def step(self, boundary_value: Callable[[Buffer], None], r_B: Buffer, held: Buffer | None) -> None:
+    def step(self, residual: Residual, phi: Field, r_B: Buffer, held: Buffer | None) -> None:
         """B <- J.n + F B.
 
         Parameters
         ----------
-        boundary_value : callable
-            Overwrites a first moment (n_cut, 4) at the boundary with the fluence there.
-        r_B : (n_cut, 4) real, device
-            First moment of all else.
-        held : (p, 4) real, device, or None
+        residual : Residual
+        phi : Field
+            Complete.
+        r_B : (n_cut, 3) real, device
+            First moment of all else than the exchange at the boundary.
+        held : (p, 3) real, device, or None
             J.n of a solution that no longer changes.
         """
-        self._arriving.multiply_both(self._entering, self.B, self._next, self._entered, held)
-        phi_B = self._moment_of_entered(r_B)
-        boundary_value(phi_B)
-        self._share.multiply(1 / (2 * self.op.medium.fresnel_A), phi_B, self.change, self._next)
-        self._next.copy_from(self.B)
-        self.B.copy_from(self.change)
-        self._combine(-1, self._next, 1, self.change)
-        for values, squares in zip((self.B, self.change), self._squares, strict=True):
-            take_products(self.device, values, values, squares)
+        p = self.B.shape[0]
+        self._arriving.multiply_both(self._entering, self.B, self.change, self._came_in, held)
+        residual.add_flux(phi, r_B, self._patches, self._blend, self._gain, self._came_in, self.change)
+        self.device.run(self._advance, GROUP * tiles(p), p, self.B, self.change, *self._squares, group=GROUP)
 
     def moved(self) -> float:
         """How far the last step moved B, relative to its size."""
         size, change = (np.sqrt(sum_of_parts(squares)) for squares in self._squares)
         return float((change / np.where(size > 0, size, 1)).max())
 
-    def _combine(self, a: float, x: Buffer, b: float, y: Buffer) -> None:
-        """Overwrite y with a x + b y, (p, 4) each."""
-        p, scale = self.B.shape[0], [self.device.vector([v] * CHANNELS) for v in (a, b)]
-        self.device.run(self._combination, p, p, *scale, x, y)
+    def add_arrived(self, r: Buffer) -> None:
+        """Enqueue to add C_B gain H_t to the residual of the finest level."""
+        self._entering.multiply(1, self.B, self._came_in)
+        self._add_entered(self._came_in, r)
+
+    def add_moment(self, r_B: Buffer) -> None:
+        """Add the first moment (n_cut, 3) at the boundary of all light that enters."""
+        self._entering.multiply(1, self.B, self._came_in)
+        self._blend.multiply(-self._gain, self._came_in, r_B, r_B)
+
+    def entered(self, room: Buffer) -> np.ndarray:
+        """H_t (n_cut, 3) at the boundary, after `add_moment`; overwrites `room` (n_cut, 3)."""
+        self._blend.multiply(1, self._came_in, room)
+        return room.get()
+
+    def flux_of_patches(self, residual: Residual, phi: Field, moment: Buffer) -> Buffer:
+        """J.n (p, 3) of each patch, for a complete `phi` and a first moment (n_cut, 3) at the boundary."""
+        flux = self.device.zeros(self.B.shape)
+        residual.add_flux(phi, moment, self._patches, self._blend, 0.0, self._came_in, flux)
+        return flux
+
+    def _add_entered(self, entered: Buffer, r: Buffer) -> None:
+        add_entered(self.device, self.op.octree, self.op.medium, self._blend, self._gain, entered, r)
 
     def respond(self, solve: Callable[[int | None], None], r: Load, e: Field) -> None:
         """Enqueue the solve of `level`, of which `solve` is a V-cycle of some sweeps, with the light on its way."""
         run, k, p = self.device.run, self.level, self.B.shape[0]
-        cell, _, _, at = self._above[k]
-        m = cell.shape[0]
         for j, cells, kept in self._changed:
             run(self._take, cells.shape[0], cells.shape[0], cells, r[j], kept)
         # what comes out of the last step before `level` has answered to it
-        self._arriving.multiply_both(self._entering, self.change, self._next, self._entered)
-        run(self._subtract, p, p, self._giving, self._entered, self._next)
-        self.change.copy_from(self._next)
+        self._arriving.multiply_both(self._entering, self.change, self._steady, self._entered)
+        run(self._subtract, p, p, self._giving, self._entered, self._steady)
         self._entered.fill(0)
+        before, more, spare = self._steady, self.change, self._more
         for passage in range(PASSAGES):
             if passage:
                 for j, cells, kept in self._changed:
                     run(self._put, cells.shape[0], cells.shape[0], cells, kept, r[j])
                 self.let_in(k, r[k])
-            solve(ROUGHLY if passage < PASSAGES - 1 else None)
-            run(self._leave, m, m, cell, self._leaving, e[k], at)
-            self._share_above.multiply(1, at, self._more, self._next)
-            run(self._subtract, p, p, self._giving, self._entered, self._more)
-            self._arriving.multiply_both(self._entering, self._more, self._next, self._entered, self.change)
-        self._combine(1, self._more, 1, self.B)
+            last = passage == PASSAGES - 1
+            solve(None if last else ROUGHLY)
+            run(self._leave, p, p, *self._share_above.rows, self._above[k][0], self._leaving, e[k], self._giving,
+                self._entered, before, more)  # fmt: skip
+            if last:
+                self._entering.multiply(1, more, self._entered)
+                run(self._add, p, p, more, self.B)
+            else:
+                self._arriving.multiply_both(self._entering, more, spare, self._entered, self._steady)
+                before, more, spare = spare, spare, more
 
     def let_in(self, k: int, r: Buffer) -> None:
         """Enqueue to add what the light on its way brings level `k` to its right-hand side."""
         if k not in self._above:
-            subtract_moment(self.device, self.op.octree, self.op.medium, self._moment_of_entered(), r)
+            self._add_entered(self._entered, r)
             return
-        cell, entering, blend, at = self._above[k]
-        blend.multiply(1, self._entered, at)
-        self.device.run(self._enter, cell.shape[0], cell.shape[0], cell, entering, at, r)
+        cell, entering, blend = self._above[k]
+        m = cell.shape[0]
+        self.device.run(self._enter, m, m, cell, entering, *blend.rows, self._entered, r)
 
 
 class Interreflection:
@@ -185,18 +193,15 @@ class Interreflection:
     @property
     def state(self) -> np.ndarray:
         """B of each patch, and how far the last step moved it (2 p, 3)."""
-        return np.concatenate([self.coupling.B.get(), self.coupling.change.get()])[:, :3].astype(float)
+        return np.concatenate([self.coupling.B.get(), self.coupling.change.get()]).astype(float)
 
     @state.setter
     def state(self, values: np.ndarray) -> None:
-        self.coupling.B.set(channels(values[: len(values) // 2]))
-        self.coupling.change.set(channels(values[len(values) // 2 :]))
+        self.coupling.B.set(values[: len(values) // 2])
+        self.coupling.change.set(values[len(values) // 2 :])
 
     def _captured_update(self, held: Buffer | None) -> Callable[[], None]:
-        def boundary_value(phi_B: Buffer) -> None:
-            self.residual.take_boundary_value(self._phi, phi_B, phi_B)
-
-        return self.coupling.device.capture(lambda: self.coupling.step(boundary_value, self.r_B, held))
+        return self.coupling.device.capture(lambda: self.coupling.step(self.residual, self._phi, self.r_B, held))
 
     def update(self) -> None:
         """Enqueue one step of the exchange."""
@@ -208,14 +213,11 @@ class Interreflection:
 
     def adjust(self, residual: Load) -> None:
         """Add C_B gain H_t to the residual of the cut cells."""
-        op = self.coupling.op
-        subtract_moment(self.coupling.device, op.octree, op.medium, self.coupling.boundary_moment(), residual[-1])
+        self.coupling.add_arrived(residual[-1])
 
     def hold(self, phi: Field) -> None:
         """From now on count the solution from a complete `phi`."""
-        phi_B = self.coupling.device.empty(self.r_B.shape)
-        self.residual.take_boundary_value(phi, self.r_B, phi_B)
-        self._update = self._captured_update(self.coupling.flux_of_patches(phi_B))
+        self._update = self._captured_update(self.coupling.flux_of_patches(self.residual, phi, self.r_B))
         self._set_aside = self.r_B.get()
         self.r_B.fill(0)
 
@@ -226,14 +228,14 @@ class Interreflection:
 
     def start_from(self, B: np.ndarray) -> None:
         """Begin with what leaves each patch (p, 3) of another solution."""
-        self.coupling.B.set(channels(B))
+        self.coupling.B.set(B)
 
     def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
-        """J.n and H_t (n_cut, 3) at the boundary of the cut cells, for a complete `phi`."""
-        phi_B = moment = self.coupling.boundary_moment(self.r_B)
-        return self.residual.boundary_flux(phi, moment, phi_B), self.coupling.entered()
+        """J.n and H_t (n_cut, 3) at the boundary of the cut cells, for a complete `phi`; overwrites `r_B`."""
+        self.coupling.add_moment(self.r_B)
+        return self.residual.boundary_flux(phi, self.r_B, self.r_B), self.coupling.entered(self.r_B)
 
     @property
     def leaving(self) -> np.ndarray:
         """B of each patch (p, 3)."""
-        return self.coupling.B.get()[:, :3].astype(float)
+        return self.coupling.B.get().astype(float)

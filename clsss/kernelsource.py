@@ -12,9 +12,9 @@ if not KERNEL_DIR.is_dir():
 # A driver takes longer to load a program than to hold some kernels more.
 _TOGETHER = (
     ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
-     "exchange", "surface"),
-    ("coefficients", "interpolation", "around", "gradient", "correct", "smooth", "residual", "restrict", "junction",
-     "source", "moment", "layer", "attenuate", "entering"),
+     "exchange", "passage", "surface"),
+    ("coefficients", "interpolation", "around", "gradient", "correct", "boundary", "smooth", "residual", "restrict",
+     "junction", "source", "moment", "layer", "attenuate", "entering"),
 )  # fmt: skip
 
 

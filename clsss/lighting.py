@@ -55,7 +55,7 @@ class Setup:
     def coupling(self) -> PatchCoupling | None:
         """The exchange on the device; the host needs it no longer."""
         exchange, self.exchange = self.exchange, None
-        return PatchCoupling(self.device, self.multigrid.op, exchange) if exchange else None
+        return PatchCoupling(self.device, self.multigrid.op, exchange, self.multigrid.e) if exchange else None
 
     @cached_property
     def right_hand_side(self) -> Load:
@@ -198,13 +198,15 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
             source.b, phi, setup.tolerance, progress=lambda f: tell("solve", f), follower=follower,
             from_zero=last is None,
         )  # fmt: skip
+        moment = source.moment.get() if setup.layer else None
         flux, entering = follower.surface(phi) if follower else (
-            setup.multigrid.residual.boundary_flux(phi, source.moment), 0.0)  # fmt: skip
+            setup.multigrid.residual.boundary_flux(phi, source.moment, source.moment), 0.0)  # fmt: skip
     gain = entering_gain(medium.eta)
     exitance = flux + entering
     fluence = (2 * medium.fresnel_A * flux + gain * (entering + kept)).astype(device.real)
     leaving = follower.leaving if follower else np.zeros((0, 3))
-    moment = source.moment.get()[:, :3] - gain * entering if setup.layer else None
+    if moment is not None:
+        moment = moment - gain * entering
     deposit = Deposit(source.wall, source.deposited, source.incident, source.lost)
     return Solution(unit, setup.hold(), flux, exitance, once, leaving, moment, deposit, convergence), fluence
 

@@ -7,11 +7,14 @@ Gradients are least-squares fits (kernels/gradient.cl), taken anew of each field
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Load, Operator
+from clsss.diffusion import Field, Load, Operator
 from clsss.octree import Octree
+from clsss.sparsematrix import SparseMatrix
 
 
 def _centred(device: Device, octree: Octree) -> list[Buffer]:
@@ -41,7 +44,7 @@ class Residual:
     ----------
     slope : (n_cut, 3, 3) real, device
         Gradients of the last field completed, by axis, then channel, per cell width; in `room` if there is enough.
-    wall : (n_cut, 4) real, device, or None
+    wall : (n_cut, 3) real, device, or None
         3 D q1 . n of the source at the boundary, which the gradients there need [W/mm^2]; None: there is no q1.
     """
 
@@ -60,7 +63,7 @@ class Residual:
         self._reflux = device.kernel("residual", "reflux", *d)
         self._gradient = device.kernel("gradient", "gradient", *d)
         self._correct = device.kernel("correct", "correct_residual", *d)
-        self._boundary = device.kernel("correct", "boundary_value", *d)
+        self._boundary, self._leave = (device.kernel("boundary", f, *d) for f in ("boundary_value", "leave_boundary"))
 
     def complete(self, phi: Field) -> None:
         """Fill what depends on the leaves: covered cells, ghosts, and `slope`."""
@@ -110,24 +113,38 @@ class Residual:
         self.slope.fill(0)
 
     def boundary_value(self, phi: Field, moment: Buffer) -> Buffer:
-        """Fluence phi_B at the boundary of every cut cell (n_cut, 4) [W/mm^2].
+        """Fluence phi_B at the boundary of every cut cell (n_cut, 3) [W/mm^2].
 
-        `moment` (n_cut, 4) is the source's first moment between the centroid and the surface.
+        `moment` (n_cut, 3) is the source's first moment between the centroid and the surface.
         """
         self.complete(phi)
-        phi_B = self.device.empty((self.op.octree.cut.n, CHANNELS))
+        phi_B = self.device.empty((self.op.octree.cut.n, 3))
         self.take_boundary_value(phi, moment, phi_B)
         return phi_B
 
     def take_boundary_value(self, phi: Field, moment: Buffer, phi_B: Buffer) -> None:
         """As `boundary_value`, for a complete `phi`, into `phi_B`, which may be `moment`."""
-        op, cut = self.op, self.op.octree.cut
-        self.device.run(self._boundary, cut.n, cut.n, op.octree.grid.h, op.medium.fresnel_A, op.medium.D_cut,
-                        op.medium.fitted, cut.cell, cut.centroid, cut.boundary, cut.normal, self.slope, moment, phi[-1],
+        self.device.run(self._boundary, self.op.octree.cut.n, self.op.octree.cut.n, *self._at_boundary, moment, phi[-1],
                         phi_B)  # fmt: skip
 
     def boundary_flux(self, phi: Field, moment: Buffer, phi_B: Buffer | None = None) -> np.ndarray:
         """J.n = phi_B / (2A) there (n_cut, 3) [W/mm^2], for a complete `phi`; overwrites `phi_B`, if it is given."""
         phi_B = phi_B or self.device.empty(moment.shape)
         self.take_boundary_value(phi, moment, phi_B)
-        return phi_B.get()[:, :3] / (2 * self.op.medium.fresnel_A)
+        return phi_B.get() / (2 * self.op.medium.fresnel_A)
+
+    def add_flux(self, phi: Field, moment: Buffer, patches: tuple[Any, ...], blend: SparseMatrix, gain: float,
+                 entered: Buffer, flux: Buffer) -> None:  # fmt: skip
+        """Add J.n of `patches` of cut cells (`places_of`) to `flux` (p, 3), for a complete `phi`.
+
+        Of what has `entered` patches (p, 3), `gain` times its mean by `blend` at a cut cell takes part in its moment.
+        """
+        p = flux.shape[0]
+        self.device.run(self._leave, p, p, *self._at_boundary, moment, phi[-1], *patches, *blend.rows, gain, entered,
+                        flux)  # fmt: skip
+
+    @property
+    def _at_boundary(self) -> tuple[Any, ...]:
+        op, cut = self.op, self.op.octree.cut
+        return (op.octree.grid.h, op.medium.fresnel_A, op.medium.D_cut, op.medium.fitted, cut.cell, cut.centroid,
+                cut.boundary, cut.normal, self.slope)  # fmt: skip

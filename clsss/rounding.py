@@ -38,7 +38,7 @@ class Held:
         Complete. It is set to zero, and counts from what it was until `release`.
     b, r : Load
         Right-hand side, and the residual of `phi` without the follower's part, which takes its place.
-    wall : (n_cut, 4) real, device, or None
+    wall : (n_cut, 3) real, device, or None
         The boundary's source, `Residual.wall`: it belongs to what is held, and is set to zero.
     follower : Follower or None
     """

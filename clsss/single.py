@@ -25,7 +25,7 @@ import numpy as np
 from clsss import bvh
 from clsss.beams import extinction, light_arguments, scattering
 from clsss.device import Device
-from clsss.diffusion import CHANNELS, Coefficients, Field, channels, make_operator
+from clsss.diffusion import CHANNELS, Coefficients, Field, make_operator
 from clsss.fresnel import entering_gain, fresnel_A, fresnel_reflectance
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.multigrid import Multigrid
@@ -201,7 +201,7 @@ def split(device: Device, octree: Octree, medium: Coefficients, lights: list[Any
     excess = _diffused_once(device, octree, replace(thin, sigma_a=sigma_t), known, tolerance) - once
     most = most_excess(medium.eta) * once
     excess = np.clip(excess, -most, most)
-    part = device.array(channels(-entering_gain(medium.eta) * excess))
+    part = device.array(-entering_gain(medium.eta) * excess)
     moment = device.array(source.moment.get() + part.get())
     subtract_moment(device, octree, medium, part, source.b[-1])
     return once, excess, replace(source, moment=moment)

@@ -15,12 +15,13 @@ import numpy as np
 
 from clsss.beams import Beams
 from clsss.device import Buffer, Device
-from clsss.diffusion import Coefficients, Field, Load, cell_points, channels
+from clsss.diffusion import Coefficients, Field, Load, cell_points
 from clsss.jumps import mean_over_jumps
 from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree
 from clsss.rays import RayCaster
+from clsss.sparsematrix import SparseMatrix
 from clsss.sums import total
 
 ENVIRONMENT_BEAMS = 256
@@ -32,7 +33,7 @@ class Deposit:
 
     Attributes
     ----------
-    wall : (n_cut, 4) real, device, or None where g = 0
+    wall : (n_cut, 3) real, device, or None where g = 0
         3 D q1 . n at the boundary [W/mm^2].
     deposited, incident : (3,) float
         Power deposited, and power that the beams bring through the surface [W].
@@ -54,7 +55,7 @@ class Source(Deposit):
     ----------
     b : Load
         What each leaf receives, in the operator's scale.
-    moment : (n_cut, 4) real, device
+    moment : (n_cut, 3) real, device
         First moment r_B of the source between centroid and surface [W/mm^2].
     """
 
@@ -80,7 +81,7 @@ def _add_emission(beams: Beams, light: Emission, unit: float) -> np.ndarray:
             moment = density[cells] * layer.moment
             power = density * layer.volume
             power[cells] += layer.conductance * moment
-            beams.moment.set(beams.moment.get() + channels(moment))
+            beams.moment.set(beams.moment.get() + moment)
         lost -= power.sum(axis=0)
         q.set(q.get() + power)
     return lost
@@ -147,8 +148,19 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
 
 
 def subtract_moment(device: Device, octree: Octree, medium: Coefficients, moment: Buffer, b: Buffer) -> None:
-    """Take the boundary's first moment (n_cut, 4) [W/mm^2] from the finest level's `b` (or residual)."""
-    cut = octree.cut
+    """Take the boundary's first moment (n_cut, 3) [W/mm^2] from the finest level's `b` (or residual)."""
     kernel = device.kernel("moment", "subtract_moment", *medium.defines)
-    device.run(kernel, cut.n, cut.n, octree.grid.h, medium.fresnel_A, medium.D_cut, medium.fitted, cut.cell,
-               cut.centroid, cut.boundary, cut.normal, moment, b)  # fmt: skip
+    device.run(kernel, octree.cut.n, *_at_boundary(octree, medium), moment, b)
+
+
+def add_entered(device: Device, octree: Octree, medium: Coefficients, blend: SparseMatrix, gain: float,
+                entered: Buffer, b: Buffer) -> None:  # fmt: skip
+    """Add what light brings that has `entered` patches (p, 3), `gain` times its `blend` at each cut cell [W/mm^2]."""
+    kernel = device.kernel("moment", "add_entered", *medium.defines)
+    device.run(kernel, octree.cut.n, *_at_boundary(octree, medium), *blend.rows, gain, entered, b)
+
+
+def _at_boundary(octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
+    cut = octree.cut
+    return (cut.n, octree.grid.h, medium.fresnel_A, medium.D_cut, medium.fitted, cut.cell, cut.centroid, cut.boundary,
+            cut.normal)  # fmt: skip

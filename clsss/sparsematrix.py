@@ -1,4 +1,4 @@
-"""Sparse matrices on the device, for products with four channels at once (kernels/exchange.cl)."""
+"""Sparse matrices on the device, for products with three channels at once (kernels/matrix.h)."""
 
 from __future__ import annotations
 
@@ -40,21 +40,14 @@ class SparseMatrix:
         self.device, self.n = device, matrix.shape[0]
         self._kernel = device.kernel("exchange", "sparse_product")
         self._kernels = device.kernel("exchange", "sparse_products")
-        count, start, column = np.diff(matrix.indptr), matrix.indptr, matrix.indices
-        number, unit = _whole_numbers(count, matrix.data)
-        narrow = matrix.shape[1] <= 1 << 16
+        number, unit = _whole_numbers(np.diff(matrix.indptr), matrix.data)
         assert not like or like.rows[4].shape == number.shape
-        places = like.rows[:4] if like else (
-            int(count[0]),
-            None if (count == count[0]).all() else device.array(start, np.int32),
-            device.array(column, np.uint16) if narrow else None,
-            None if narrow else device.array(column, np.int32),
-        )  # fmt: skip
+        places = like.rows[:4] if like else places_of(device, matrix)
         units = None if unit is None else device.array(unit)
         self.rows: tuple[Any, ...] = (*places, device.array(number, np.uint16), units)
 
     def multiply(self, scale: float, x: Buffer, y: Buffer, plus: Buffer | None = None) -> None:
-        """Overwrite y (n, 4) with ``scale * A @ x + plus``, all on the device."""
+        """Overwrite y (n, 3) with ``scale * A @ x + plus``, all on the device; `plus` may be `y`."""
         self.device.run(self._kernel, self.n, self.n, int(plus is not None), float(scale), *self.rows, x,
                         plus or x, y)  # fmt: skip
 
@@ -62,6 +55,17 @@ class SparseMatrix:
         """Overwrite y with ``A @ x + plus`` and z with ``other @ x``, whose entries are in the same places."""
         self.device.run(self._kernels, self.n, self.n, int(plus is not None), *self.rows, *other.rows[4:], x, plus or x,
                         y, z)  # fmt: skip
+
+
+def places_of(device: Device, matrix: sparse.csr_matrix) -> tuple[Any, ...]:
+    """Where a matrix has entries, as kernels take it: the first four of `SparseMatrix.rows`."""
+    count, narrow = np.diff(matrix.indptr), matrix.shape[1] <= 1 << 16
+    return (
+        int(count[0]),
+        None if (count == count[0]).all() else device.array(matrix.indptr, np.int32),
+        device.array(matrix.indices, np.uint16) if narrow else None,
+        None if narrow else device.array(matrix.indices, np.int32),
+    )
 
 
 def _whole_numbers(count: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

@@ -4,8 +4,6 @@
 #include "real.h"
 #include "tile.h"
 
-REAL4 change_at(const int i, __global const ushort *restrict d) { return lengthen(vload3(i, d).xyzz); }
-
 /* Complete the newest change d0 of the residual r, and take products over each tile: r.d0 r.d1 r.d2 d0.d0 d0.d1 d0.d2
  * and r.r. */
 // cost change_products: 192R+1536 B, 4096 flop
@@ -16,8 +14,8 @@ __kernel void change_products(const int n, __global const REAL *restrict r, __gl
     REAL4 sum[7];
     for (int k = 0; k < 7; k++) sum[k] = (REAL4)(0);
     for (int i = first_of_tile(); i < end_of_tile(n); i += GROUP) {
-        const REAL4 own = colours_at(i, r), second = change_at(i, d1), third = change_at(i, d2);
-        const ushort4 kept = shorten(change_at(i, d0) + own);
+        const REAL4 own = colours_at(i, r), second = lengthened_at(i, d1), third = lengthened_at(i, d2);
+        const ushort4 kept = shorten(lengthened_at(i, d0) + own);
         const REAL4 first = lengthen(kept);
         vstore3(kept.xyz, i, d0);
         sum[0] += own * first;
@@ -45,7 +43,7 @@ __kernel void move(const int n, const int n_cells, const REAL4 g0, const REAL4 g
     vstore3(step.xyz, i, s2);
     if (i >= n_cells) return;
     const REAL4 own = colours_at(i, r);
-    vstore3((own - (g0 * change_at(i, d0) + g1 * change_at(i, d1) + g2 * change_at(i, d2))).xyz, i, r);
+    vstore3((own - (g0 * lengthened_at(i, d0) + g1 * lengthened_at(i, d1) + g2 * lengthened_at(i, d2))).xyz, i, r);
     vstore3(shorten(-own).xyz, i, d2);
 }
 

@@ -48,10 +48,10 @@ __kernel void beam_in_cells(const int n, const int depth, const REAL h, const RE
 }
 
 /* F at the boundary of the cut cells, on its inner side. One work-item for LANES cells. */
-// cost beam_at_boundary: 192R+384 B, 16000 flop  (16 lanes)
+// cost beam_at_boundary: 176R+384 B, 16000 flop  (16 lanes)
 __kernel void beam_at_boundary(const int n, const REAL h, const REAL eta, const REAL4 light, const REAL4 strength,
                                BODY, __global const int *restrict order, __global const ushort *restrict position,
-                               __global const int *restrict cut_cell, __global REAL4 *restrict F_B) {
+                               __global const int *restrict cut_cell, __global REAL *restrict F_B) {
     const int first = LANES * get_global_id(0), count = min(LANES, n - first);
     if (count <= 0) return;
     const Body body = BODY_ARGUMENTS;
@@ -64,6 +64,7 @@ __kernel void beam_at_boundary(const int n, const REAL h, const REAL eta, const 
     const Passage met = met_by_beams(body, light, p, count, beam);
     for (int l = 0; l < count; l++) {
         const int c = order[first + l], entry = met.entry.at[l] < 0 ? c : met.entry.at[l];
-        F_B[c] = reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l], entry);
+        const REAL4 F = reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l], entry);
+        vstore3(F.xyz, c, F_B);
     }
 }

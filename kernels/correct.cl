@@ -1,23 +1,9 @@
-/* correct.cl -- the second-order terms of cut cells' fluxes, and values at the boundary. */
+/* correct.cl -- the second-order terms of cut cells' fluxes. */
 #include "real.h"
 #include "conductance.h"
 #include "layer.h"
 #include "rows.h"
-
-/* The gradient along an axis; the spare channel repeats the third. */
-REAL4 slope_along(const int c, const int axis, __global const REAL *restrict slope) {
-    return colours_at(3 * c + axis, slope);
-}
-
-REAL4 along(const int c, const REAL4 d, __global const REAL *restrict slope) {
-    return d.x * slope_along(c, 0, slope) + d.y * slope_along(c, 1, slope) + d.z * slope_along(c, 2, slope);
-}
-
-/* phi on the inner end of the normal through x_B. */
-REAL4 value_below(const int c, const REAL4 value, const REAL d, const REAL4 n, __global const REAL4 *restrict centroid,
-                  __global const REAL4 *restrict boundary, __global const REAL *restrict slope) {
-    return value + along(c, boundary[c] - d * n - centroid[c], slope);
-}
+#include "slope.h"
 
 /* g . tau from a cell's centroid to the point x of a face across the other axis than a and b. */
 REAL4 rise_to(const int c, const int a, const int b, const REAL2 x, __global const REAL4 *restrict centroid,
@@ -81,23 +67,4 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
         sum += SCALE(boundary[c].w * h * h * flux, D_i);
     }
     vstore3(sum.xyz, i, r);
-}
-
-/* phi_B = 2A (p + r_B) / (2A + d/D), or as fitted, r_B the source's moment between the centroid and the surface.
- * It may take the place of the moment. */
-// cost boundary_value: 40R+2M+8 B, 60 flop
-__kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
-                             __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
-                             __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                             __global const REAL *restrict slope, __global const REAL4 *moment,
-                             __global const REAL4 *restrict x, __global REAL4 *phi_B) {
-    const int c = get_global_id(0);
-    if (c >= n) return;
-    const int i = cut_cell[c];
-    const REAL4 nrm = unit_normal(normal[c]);
-    const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
-    const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
-    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, normal[c], boundary[c]);
-    const REAL4 swell = any_fitted(x2) ? cosh(sqrt(x2)) : (REAL4)(1);
-    phi_B[c] = 2 * fresnel_A * (p + swell * moment[c]) / resistance(x2, d * h, AT(D, c), fresnel_A);
 }

@@ -32,3 +32,5 @@ ushort4 shorten(const REAL4 value) {
 }
 
 REAL4 lengthen(const ushort4 value) { return convert_REAL4(as_float4(convert_uint4(value) << 16)); }
+
+REAL4 lengthened_at(const int i, __global const ushort *values) { return lengthen(vload3(i, values).xyzz); }

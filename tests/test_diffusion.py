@@ -151,7 +151,7 @@ def test_residual_conserves(double, medium):
     for x, p, volume, level in zip(phi, points, volumes, tree.levels, strict=True):
         sigma_a = medium.coefficients(p)[0] * scale_of(medium, p)
         absorbed += (x.get()[: level.n, :3] * sigma_a * volume * level.leaf[:, None]).sum(axis=0)
-    phi_B = residual.boundary_value(phi, double.zeros((tree.cut.n, 4))).get()[:, :3]
+    phi_B = residual.boundary_value(phi, double.zeros((tree.cut.n, 3))).get()[:, :3]
     area = tree.cut.boundary.get()[:, 3:] * tree.grid.h**2
     at_cut = points[-1][tree.cut.cell.get()]
     exited = (area * phi_B / (2 * fresnel_A(medium.eta)) * scale_of(medium, at_cut)).sum(axis=0)
@@ -198,7 +198,7 @@ def test_linear_fields_are_exact_in_cut_cells(double):
     left = np.abs(r[-1].get()[tree.cut.cell.get()[chosen], 0]) / tree.grid.h**2
     assert np.median(left) <= 1e-12
     assert left.max() <= 1e-4
-    phi_B = residual.boundary_value(phi, double.zeros((tree.cut.n, 4))).get()[chosen, 0]
+    phi_B = residual.boundary_value(phi, double.zeros((tree.cut.n, 3))).get()[chosen, 0]
     np.testing.assert_allclose(phi_B, drop, rtol=1e-9)
 
 
@@ -343,7 +343,7 @@ def test_no_first_moment_needs_no_wall(device):
     op, found = build_operator(device, tree, MATERIAL), []
     phi, b, r = fields(device, tree)
     set_field(tree, phi, lambda points: np.random.default_rng(9).uniform(1, 2, len(points)))
-    for wall in (None, device.zeros((tree.cut.n, 4))):
+    for wall in (None, device.zeros((tree.cut.n, 3))):
         residual = Residual(device, op)
         residual.wall = wall
         residual(phi, b, r)

@@ -7,6 +7,7 @@ import pytest
 from shapes import box_triangles, build_operator, build_tree, flask, hollow_sphere, solid
 
 from clsss.boundary import Boundary
+from clsss.diffusion import Field
 from clsss.exchange import trace_exchange
 from clsss.interreflection import PatchCoupling
 from clsss.lights import DirectionalLight
@@ -53,6 +54,23 @@ def test_means_of_levels_above_are_means(hollow):
     for seen in boundary.above(exchange, 2):
         np.testing.assert_allclose(seen.blend @ np.ones(seen.blend.shape[1]), 1, rtol=1e-9)
         np.testing.assert_allclose((seen.share @ np.ones(seen.share.shape[1]))[lit], 1, rtol=1e-9)
+
+
+def test_what_light_on_its_way_needs_is_lent_but_for_its_state(hollow):
+    """Beside matrices: B and its change in full; conductances in 16 bits; nothing of the size of the cut cells."""
+    op, exchange, boundary = hollow
+    device = op.irregular.device
+    e = Field(device, op.octree)
+    before = device.allocated
+    coupling = PatchCoupling(device, op, exchange, e)
+    held, p = device.allocated - before, exchange.share.shape[0]
+    above = boundary.above(exchange, 1)
+    matrices = sum(4 * m.nnz + (4 + 8) * m.shape[0] + 8 for m in (exchange.blend, exchange.arriving, exchange.share))
+    matrices += 2 * exchange.entering.nnz + 8 * p + sum(4 * m.nnz + 12 * m.shape[0] + 8 for m in (*above[0][3:],))
+    state = 2 * 3 * 8 * p + 64
+    conductances = 6 * p + (4 + 12) * len(above[0].cell)
+    assert coupling.level == len(op.octree.levels) - 2
+    assert held <= matrices + state + conductances
 
 
 def lagging(self, solve, r, e):

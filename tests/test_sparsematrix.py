@@ -19,9 +19,9 @@ def random_matrix(n, m, random):
 
 def product(device, matrix, x, scale=1.0, plus=None):
     """On the device, on one channel."""
-    spread = [device.array(np.repeat(v[:, None], 4, axis=1)) for v in (x, np.zeros(matrix.shape[0]))]
+    spread = [device.array(np.repeat(v[:, None], 3, axis=1)) for v in (x, np.zeros(matrix.shape[0]))]
     SparseMatrix(device, matrix).multiply(scale, *spread, None if plus is None else device.array(
-        np.repeat(plus[:, None], 4, axis=1)))  # fmt: skip
+        np.repeat(plus[:, None], 3, axis=1)))  # fmt: skip
     return spread[1].get()[:, 0]
 
 
@@ -63,10 +63,10 @@ def test_matrices_alike_hold_their_places_once(device):
     one, before = SparseMatrix(device, matrix), device.allocated
     other = SparseMatrix(device, half, one)
     assert device.allocated - before == 2 * half.nnz + 500 * device.real.itemsize
-    found, alone = device.zeros((500, 4)), product(device, half, x)
-    other.multiply(1, device.array(np.repeat(x[:, None], 4, axis=1)), found)
+    found, alone = device.zeros((500, 3)), product(device, half, x)
+    other.multiply(1, device.array(np.repeat(x[:, None], 3, axis=1)), found)
     assert np.array_equal(found.get()[:, 0], alone)
-    both, spread = [device.zeros((500, 4)) for _ in range(2)], device.array(np.repeat(x[:, None], 4, axis=1))
+    both, spread = [device.zeros((500, 3)) for _ in range(2)], device.array(np.repeat(x[:, None], 3, axis=1))
     one.multiply_both(other, spread, *both)
     np.testing.assert_allclose(both[0].get()[:, 0], product(device, matrix, x), rtol=4 * np.finfo(device.real).eps)
     np.testing.assert_allclose(both[1].get()[:, 0], alone, rtol=4 * np.finfo(device.real).eps)
