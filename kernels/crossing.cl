@@ -5,6 +5,7 @@
  * is flipped. Edge tests depend on the edge alone, not on the triangle, so no line slips between neighbours.
  */
 #include "real.h"
+#include "triangle.h"
 
 #define SHIFT ((REAL)1.52587890625e-4)
 
@@ -19,9 +20,8 @@ int left(REAL2 a, REAL2 b, const REAL2 p, REAL *restrict area) {
 
 void cross_lines(const int t, const int ny, const int nz, __global const REAL *restrict triangle,
                  __global int *restrict cursor, __global REAL2 *restrict crossing) {
-    const REAL4 a = (REAL4)(vload3(3 * t, triangle), 0), b = (REAL4)(vload3(3 * t + 1, triangle), 0),
-                c = (REAL4)(vload3(3 * t + 2, triangle), 0);
-    const REAL4 low = fmin(a, fmin(b, c)), high = fmax(a, fmax(b, c));
+    const Triangle face = triangle_at(t, triangle);
+    const REAL4 a = face.a, b = face.b, c = face.c, low = lowest(face), high = highest(face);
     const int k1 = min(nz - 1, (int)floor(2 * high.z)), j1 = min(ny - 1, (int)floor(2 * high.y));
     for (int k = max(0, (int)floor(2 * low.z) - 1); k <= k1; k++)
         for (int j = max(0, (int)floor(2 * low.y) - 1); j <= j1; j++) {

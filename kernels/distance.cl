@@ -4,7 +4,8 @@
  * winding number's (crossing.cl), or is given by the caller where the surface is no closed cycle.
  */
 #include "real.h"
-#include "plane.h"
+#include "triangle.h"
+#include "brick.h"
 #include "samples.h"
 #include "lower.h"
 
@@ -40,21 +41,20 @@ __kernel void distance_to_triangle(const int n, const int4 dims, const REAL reac
                                    volatile __global REAL *distance2) {
     const int t = get_global_id(0);
     if (t >= n) return;
-    const REAL4 a = (REAL4)(vload3(3 * t, triangle), 0), b = (REAL4)(vload3(3 * t + 1, triangle), 0),
-                c = (REAL4)(vload3(3 * t + 2, triangle), 0);
-    const REAL4 nrm = cross(b - a, c - a), low = fmin(a, fmin(b, c)), high = fmax(a, fmax(b, c));
+    const Triangle face = triangle_at(t, triangle);
+    const REAL4 nrm = double_area(face), low = lowest(face), high = highest(face);
     const int4 lo = max(convert_int4(ceil(low - reach - (REAL)0.5)), (int4)(0));
     const int4 hi = min(convert_int4(floor(high + reach)), dims - 1);
     for (int z = lo.z; z <= hi.z; z++)
         for (int y = lo.y; y <= hi.y; y++)
             for (int x = lo.x; x <= hi.x; x++) {
                 const REAL4 corner = (REAL4)(x, y, z, 0);
-                if (!near_plane(a, nrm, corner + (REAL4)(0.25, 0.25, 0.25, 0), reach + 0.25)) continue;
-                const int k = block[((z >> 3) * (dims.y >> 3) + (y >> 3)) * (dims.x >> 3) + (x >> 3)];
-                const int s = k < 0 ? -1 : slot[k * 512 + ((z & 7) * 8 + (y & 7)) * 8 + (x & 7)];
+                if (!near_plane(face, nrm, corner + (REAL4)(0.25, 0.25, 0.25, 0), reach + 0.25)) continue;
+                const int k = block[block_of(dims, x, y, z)];
+                const int s = k < 0 ? -1 : slot[512 * k + place_in_block(x, y, z)];
                 if (s < 0) continue;
                 REAL found[8];
-                vstore8(triangle_distance2(a - corner, b - corner, c - corner), 0, found);
+                vstore8(triangle_distance2(face.a - corner, face.b - corner, face.c - corner), 0, found);
                 for (int node = 0; node < 8; node++)
                     if (found[node] < distance2[8 * s + node]) LOWER(distance2 + 8 * s + node, found[node]);
             }

@@ -7,6 +7,7 @@
  * code = 16 index + depth, where index counts the cells of its level and depth is how many levels it lies above the
  * finest.
  */
+#include "brick.h"
 #define FINE -2
 
 /* A kernel's parameters, and `const Tree tree = TREE_ARGUMENTS;` */
@@ -21,12 +22,6 @@ typedef struct {
     __global const int2 *restrict row_start;
     __global const uchar *restrict filled;
 } Tree;
-
-int block_of(const int4 dims, const int x, const int y, const int z) {
-    return ((z >> 3) * (dims.y >> 3) + (y >> 3)) * (dims.x >> 3) + (x >> 3);
-}
-
-int place_in_block(const int x, const int y, const int z) { return ((z & 7) * 8 + (y & 7)) * 8 + (x & 7); }
 
 /* Index of the finest cell at a place in a brick, or -1. */
 int finest_in(const Tree tree, const int b, const int place) {
