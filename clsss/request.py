@@ -1,4 +1,4 @@
-"""The mesh, the medium and the lights that parsed options stand for (options.py has the grammar)."""
+"""The mesh, the medium and the lights that parsed options stand for (grammar.py parses them)."""
 
 from __future__ import annotations
 
