@@ -21,7 +21,8 @@ import numpy as np
 from clsss.around import Around, list_around
 from clsss.device import Buffer, Device
 from clsss.jumps import Jumps, find_jumps
-from clsss.octree import Level, Octree, octants
+from clsss.level import Level, octants
+from clsss.octree import Octree
 from clsss.rows import Kept, keep
 
 CHANNELS = 4

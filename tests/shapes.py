@@ -12,6 +12,7 @@ from clsss import cutcell, diffusion, octree, source
 from clsss.device import Device
 from clsss.diffusion import Field, Load
 from clsss.fresnel import fresnel_A
+from clsss.level import Level
 from clsss.mesh import Mesh
 from clsss.multigrid import Convergence, Multigrid
 from clsss.refinement import Refine
@@ -102,12 +103,12 @@ def build_tree(device: Device, mesh: Mesh, resolution: int, refine: Refine | Non
     return octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
 
 
-def is_split(level: octree.Level) -> bool:
+def is_split(level: Level) -> bool:
     """Whether several cells of a level lie in one place."""
     return len(np.unique(level.ijk, axis=0)) < level.n
 
 
-def links(level: octree.Level) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def links(level: Level) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Faces between cells of a level: cell, face, the cell beyond, its place in `Level.junction_cell` (or -1)."""
     nbr, start = level.nbr.get(), level.junction_start.get()
     cell, face = np.nonzero((nbr < level.n) & (nbr != np.arange(level.n)[:, None]))
@@ -126,7 +127,7 @@ def conductances(op: diffusion.Operator, k: int) -> np.ndarray:
     return T * np.concatenate([share, np.ones((1, T.shape[1]))])[place]
 
 
-def children(level: octree.Level) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def children(level: Level) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coarse cell, octant and finer cell of everything that `Level.child` and its chains list."""
     child, chain = level.child.get(), level.chain.get()
     row, octant = np.nonzero(child != -1)

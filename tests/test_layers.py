@@ -50,6 +50,7 @@ LAYERS = {
     1.2: ["photons"],
     1.3: ["montecarlo"],
     1.4: ["reference", "refinement", "coarsening", "leafmap"],
+    1.5: ["level"],
     2: ["octree"],
     2.1: ["around", "inner", "rows", "jumps"],
     3: ["diffusion"],
