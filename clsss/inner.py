@@ -20,7 +20,7 @@ from clsss.refinement import Refine, pool
 LAMPS_APART, EDGES_APART = 8.0, 4.0  # widths of a leaf that it is at least away from lamps and from emission's edges
 VARIATION = 0.3  # greatest change of the emission over a leaf, relative to its greatest value there
 FAINT = 1e-3  # emission under this part of the strongest counts as none
-SAMPLES = 160  # places along a side where emission is looked at: finer grids are looked at in every other cell
+SAMPLES = 160  # cells along a side where emission is looked at: finer grids are looked at in every other cell
 
 
 class Inner:
@@ -48,18 +48,25 @@ class Inner:
             self._look_at(emission, inside)
 
     def _look_at(self, emission: list[Emission], inside: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Emission's extremes over the cells of every level, and how far every sample is from an edge of it."""
+        """Emission's extremes over the cells of every level, and how far each of them is from an edge of it.
+
+        It is looked at in the middle and in a corner of each: balls of more than .56 widths cannot hide between.
+        """
         while max(self._grid.dims) > SAMPLES * self._step:
             self._step *= 2
-        x, y, z = (self._step * np.arange(-(-n // self._step)) + self._step // 2 + 0.5 for n in self._grid.dims)
-        q0 = np.full((len(z), len(y), len(x)), np.nan)
-        for layer, height in zip(q0, z, strict=True):
-            points = self._grid.to_mm(np.stack(np.meshgrid(x, y, height), axis=-1).reshape(-1, 3))
-            among = inside(points)
-            layer.ravel()[among] = sum(light.density(points[among]).max(axis=1) for light in emission)
-        outside = np.isnan(q0)
-        q0[q0 < FAINT * np.max(q0, initial=0, where=~outside)] = 0
-        high, low = np.where(outside, -np.inf, q0), np.where(outside, np.inf, q0)
+        shape = tuple(-(-n // self._step) for n in reversed(self._grid.dims))
+        high, low = np.full(shape, -np.inf, np.float32), np.full(shape, np.inf, np.float32)
+        z, *across = (self._step * np.arange(n) + self._step // 2 + 0.5 for n in shape)
+        y, x = np.meshgrid(*across, indexing="ij")
+        for k, height in enumerate(z):
+            middles = np.stack([x, y, np.full_like(x, height)], axis=-1).reshape(-1, 3)
+            for points in (self._grid.to_mm(middles), self._grid.to_mm(middles + self._step / 2)):
+                among = np.flatnonzero(inside(points))
+                q0 = sum(light.density(points[among]).max(axis=1) for light in emission)
+                high[k].ravel()[among] = np.maximum(high[k].ravel()[among], q0)
+                low[k].ravel()[among] = np.minimum(low[k].ravel()[among], q0)
+        outside, faint = high < low, FAINT * high.max(initial=0)
+        high[(high < faint) & ~outside], low[low < faint] = 0, 0
         self._extremes = [(high, low)]
         while max(self._extremes[-1][0].shape) > 1:
             self._extremes.append((pool(self._extremes[-1][0]), -pool(-self._extremes[-1][1])))

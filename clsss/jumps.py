@@ -19,9 +19,8 @@ import numpy as np
 from clsss.device import Buffer, Device
 from clsss.octree import Octree
 
-LEAST = 1.2  # ratio of two neighbours' sigma_tr or emission from which on the link, or the cell, is looked at closely
+LEAST = 1.2  # ratio of two neighbours' sigma_tr from which on the link is looked at closely
 PLACES = 8  # along a link
-PARTS = 4  # of a cell, along each axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +77,3 @@ def find_jumps(device: Device, octree: Octree, points: np.ndarray, sigma_tr: np.
     share = (sigma_tr[low] + sigma_tr[high]) / 2 / along
     face = np.stack([6 * low + 2 * axis + 1, 6 * high + 2 * axis], axis=1)
     return Jumps(device.array(face.astype(np.int32)), device.array(share[:, [0, 1, 2, 2]]))
-
-
-def mean_over_jumps(octree: Octree, values: np.ndarray, at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Values (n, 3) at the finest level's centroids; in full cells next to a jump the mean over the cell.
-
-    `at` gives values (m, 3) at points (m, 3) [mm].
-    """
-    low, high, _ = jumping(octree, values)
-    cells = np.unique(np.concatenate([low, high]))
-    cells = cells[octree.cut_index.get()[cells] < 0]
-    means = np.zeros((len(cells), 3))
-    for part in np.ndindex(PARTS, PARTS, PARTS):
-        inside = (np.array(part) + 0.5) / PARTS
-        means += at(octree.grid.to_mm(octree.finest.ijk[cells] + inside)) / PARTS**3
-    values = values.copy()
-    values[cells] = means
-    return values

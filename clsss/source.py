@@ -15,8 +15,8 @@ import numpy as np
 
 from clsss.beams import Beams
 from clsss.device import Buffer, Device
-from clsss.diffusion import Coefficients, Field, Load, cell_points
-from clsss.jumps import mean_over_jumps
+from clsss.diffusion import Coefficients, Field, Load
+from clsss.emission import cell_emission
 from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree
@@ -67,14 +67,10 @@ def _add_emission(beams: Beams, light: Emission, unit: float) -> np.ndarray:
     """Power [unit mm^2] that is absorbed before it gets to a centroid or the surface (3,)."""
     octree = beams.octree
     layer, cells = fitted_layer(beams.device, octree, beams.medium), octree.cut.cell.get()
-    volumes, points, lost = octree.volumes(), cell_points(octree), np.zeros(3)
+    emitted = cell_emission(octree, light.density) if callable(light.q0) else None
+    volumes, lost = octree.volumes(), np.zeros(3)
     for k, (level, q) in enumerate(zip(octree.levels, beams.Q, strict=True)):
-        leaf = level.leaf
-        density = np.zeros((level.n, 3))
-        density[leaf] = light.density(points[k][leaf])
-        if callable(light.q0) and level is octree.finest:
-            density = mean_over_jumps(octree, density, light.density)
-        density /= unit
+        density = (level.leaf[:, None] * light.q0 if emitted is None else emitted[k]) / unit
         power = density * volumes[k][:, None]
         lost += power.sum(axis=0)
         if layer and level is octree.finest:

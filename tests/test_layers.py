@@ -54,7 +54,7 @@ LAYERS = {
     2: ["octree"],
     2.1: ["around", "inner", "rows", "jumps"],
     3: ["diffusion"],
-    3.05: ["layer", "residual"],
+    3.05: ["emission", "layer", "residual"],
     3.06: ["sums"],
     3.1: ["beams", "anderson"],
     3.15: ["source"],
