@@ -53,8 +53,9 @@ __kernel void leave_boundary(const int n, const REAL h, const REAL fresnel_A, ME
     for (int k = first_of_row(patch, patches); k < end_of_row(patch, patches); k++) {
         const int c = column_of(k, patches), i = cut_cell[c];
         const REAL4 r_B = colours_at(c, moment) - gain * row_times(c, blend, entered);
-        sum += boundary[c].w * fluence_at_boundary(c, i, h, fresnel_A, D, fitted, centroid, boundary, normal, slope, x[i],
-                                                   r_B);
+        const REAL4 phi_B = fluence_at_boundary(c, i, h, fresnel_A, D, fitted, centroid, boundary, normal, slope, x[i],
+                                                r_B);
+        sum += boundary[c].w * phi_B;
         area += boundary[c].w;
     }
     const REAL4 flux = sum / (2 * fresnel_A * fmax(area, (REAL)1e-30));

@@ -78,7 +78,8 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
     const REAL4 offset = (boundary[c] - own) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
     const REAL4 D_over_h = AT(D, c) / h, across = offset / (2 * fresnel_A);
     const REAL4 scale = fmin(boundary[c].w, (REAL)1) / (D_over_h + sqrt(dot(across, across)));
-    const REAL4 value_there = -scale / (2 * fresnel_A) * (value - (wall ? 2 * fresnel_A * colours_at(c, wall) : (REAL4)(0)));
+    const REAL4 held_by_wall = wall ? 2 * fresnel_A * colours_at(c, wall) : (REAL4)(0);
+    const REAL4 value_there = -scale / (2 * fresnel_A) * (value - held_by_wall);
     const REAL4 row_x = scale * (D_over_h * nrm.x + across.x), row_y = scale * (D_over_h * nrm.y + across.y);
     const REAL4 row_z = scale * (D_over_h * nrm.z + across.z), mx = fold(s.mx), my = fold(s.my), mz = fold(s.mz);
     const REAL4 right_x = fold(s.right_x) + value_there * row_x, right_y = fold(s.right_y) + value_there * row_y;

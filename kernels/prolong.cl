@@ -4,9 +4,9 @@
 
 /* x_i += (1 - sum_d w_d) X_parent + sum_d w_d X_d, X_d the coarse cell beyond the outward face along d. */
 // cost prolong: 24R+20 B, 36 flop
-__kernel void prolong(const int first, const int n, __global const int *restrict nbr, __global const int *restrict parent,
-                      __global const uchar4 *restrict weight, __global const REAL4 *restrict x_coarse,
-                      __global REAL4 *restrict x) {
+__kernel void prolong(const int first, const int n, __global const int *restrict nbr,
+                      __global const int *restrict parent, __global const uchar4 *restrict weight,
+                      __global const REAL4 *restrict x_coarse, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
     const int4 share = convert_int4(weight[i - first]), up = share.wwww >> (int4)(0, 1, 2, 3) & 1;
@@ -24,8 +24,8 @@ __kernel void copy_ghosts(const int n, const int n_cells, __global const int *re
 }
 
 /* Ghosts of the solution: the coarse cell's value carried along the face to the line through the fine centre, by
- * differences with neighbours whose value is that at their centre (`centred`). Two-point fluxes over 3h/2 are then exact
- * for linear fields. For second derivatives k across the face, k_s and k_t along it, that flux is off by
+ * differences with neighbours whose value is that at their centre (`centred`). Two-point fluxes over 3h/2 are exact
+ * then for linear fields. For second derivatives k across the face, k_s and k_t along it, that flux is off by
  * D h (k / 4 - k_s / 12 - k_t / 12); second differences make it D h (k / 4 - k_s / 8 - k_t / 8), which is nothing where
  * phi curves alike in all directions, as inside a body that glows.
  */

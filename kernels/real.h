@@ -12,8 +12,8 @@
 #define convert_REAL3 GLUE(convert_, REAL3)
 #define convert_REAL4 GLUE(convert_, REAL4)
 
-/* Three numbers side by side, the colour channels; the spare one repeats the third. Where vectors are a work-item's own,
- * one load of four is faster than three; device.py leaves room for the number beyond the last.
+/* Three numbers side by side, the colour channels; the spare one repeats the third. Where a work-item has vectors of
+ * its own, one load of four is faster than three; device.py leaves room for the number beyond the last.
  */
 REAL4 colours(__global const REAL *values) {
 #if LANES == 1

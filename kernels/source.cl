@@ -26,10 +26,10 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
                              __global const ushort *restrict position, __global const int *restrict nbr,
                              __global const int *restrict parent, __global const int *restrict cut_index,
                              __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                             __global const REAL4 *restrict normal,
-                             __global const REAL *restrict aperture, __global const Place *restrict face_centroid,
-                             __global const REAL *restrict F_B, __global const REAL4 *restrict F,
-                             __global REAL *restrict Q, __global REAL *restrict lost) {
+                             __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
+                             __global const Place *restrict face_centroid, __global const REAL *restrict F_B,
+                             __global const REAL4 *restrict F, __global REAL *restrict Q,
+                             __global REAL *restrict lost) {
     const int i = get_global_id(0);
     if (i >= n) return;
     const REAL4 corner = corner_of(i, position), a = albedo(sigma_a, sigma_s, i);
@@ -63,8 +63,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
     if (cut >= 0) {
         const REAL inward = dot(beam_at(light, corner + boundary[cut]).towards.xyz, normal[cut].xyz);
         const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.05);
-        const REAL4 x2 = depth2(k2, d, normal[cut], boundary[cut]);
-        const REAL4 surface = colours_at(cut, F_B);
+        const REAL4 x2 = depth2(k2, d, normal[cut], boundary[cut]), surface = colours_at(cut, F_B);
         sum += inward * a * surface;
         if (any_fitted(x2)) {
             const REAL4 at_surface = inward * lost_below(surface, F[i], x2, d * h, AT(D, i), a, a + own, fresnel_A);

@@ -46,6 +46,11 @@ def test_every_file_says_what_it_is(name):
     assert (KERNEL_DIR / name).read_text().startswith(f"/* {name} -- ")
 
 
+@pytest.mark.parametrize("name", ALL_FILES)
+def test_lines_fit(name):
+    assert [line for line in (KERNEL_DIR / name).read_text().splitlines() if len(line) > 120] == []
+
+
 @pytest.mark.parametrize("file", FILES)
 def test_every_kernel_builds(device, file):
     source = kernel_source(f"{file}.cl")
