@@ -14,7 +14,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from clsss.device import Device
 from clsss.diffusion import Coefficients, Field, Load, cell_points
@@ -28,6 +27,7 @@ from clsss.octree import Octree
 from clsss.rays import RayCaster
 from clsss.single import split
 from clsss.source import Deposit, light_unit, make_source
+from clsss.surface import Shares
 
 Progress = Callable[[str, float], None]
 
@@ -43,7 +43,7 @@ class Setup:
     multigrid: Multigrid
     layer: Layer | None
     exchange: Exchange | None  # until it is on the device
-    at_vertices: sparse.csr_matrix  # (v, n_cut): carries values at the boundary of the cut cells to the vertices
+    at_vertices: Shares  # carries values at the boundary of the cut cells to the vertices
     blockers: tuple[Mesh, ...]
     shadows: RayCaster | None
     split: bool  # whether light scattered once is traced on its own

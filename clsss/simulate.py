@@ -12,7 +12,6 @@ from time import perf_counter
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from scipy import sparse
 
 from clsss import cutcell, diffusion, octree, validity
 from clsss.arguments import check, check_memory, checked_lights, checked_points
@@ -28,7 +27,7 @@ from clsss.multigrid import Multigrid
 from clsss.refinement import varies
 from clsss.report import account
 from clsss.single import DEPTHS, SingleScattering
-from clsss.surface import shares_at
+from clsss.surface import Shares, shares_at
 from clsss.validity import ConvergenceWarning
 
 P = ParamSpec("P")
@@ -291,9 +290,9 @@ def _bake(setup: Setup, medium: Any, lights: tuple[Any, ...], last: Solution | N
     return Result(setup.mesh, medium, lights, account(setup, solution, seconds), setup, solution, at_vertices)
 
 
-def _at_surface(shares: sparse.csr_matrix, *fields: np.ndarray) -> list[np.ndarray]:
+def _at_surface(shares: Shares, *fields: np.ndarray) -> list[np.ndarray]:
     """Fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
-    values = shares @ np.concatenate(fields, axis=1, dtype=shares.dtype)
+    values = shares @ np.concatenate(fields, axis=1, dtype=fields[0].dtype)
     return np.split(np.maximum(values, 0, out=values), len(fields), axis=1)
 
 

@@ -50,8 +50,33 @@ def fluence_at(device: Device, octree: Octree, phi_B: Buffer, points: np.ndarray
     return (shares_at(device, octree, points, normals) @ phi_B.get()[:, :3]).astype(float)
 
 
-def shares_at(device: Device, octree: Octree, points: np.ndarray,
-              normals: np.ndarray | None = None) -> sparse.csr_matrix:  # fmt: skip
+class Shares:
+    """What carries values at the boundary of the cut cells to points: rows of a sparse matrix, some together.
+
+    Parameters
+    ----------
+    parts : list of (k,) real, (k,) int and (m + 1,) int32
+        Of m rows each: entries, their columns, and where rows start.
+    n_cut : int
+        Number of columns.
+    """
+
+    def __init__(self, parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]], n_cut: int):
+        self._parts, self._n_cut = parts, n_cut
+        self._n = sum(len(start) - 1 for _, _, start in parts)
+
+    def __matmul__(self, values: np.ndarray) -> np.ndarray:
+        """Values (n, ...) at the points, of values (n_cut, ...)."""
+        out, first = np.empty((self._n, *values.shape[1:]), values.dtype), 0
+        for shares, columns, start in self._parts:
+            last = first + len(start) - 1
+            matrix = sparse.csr_matrix((shares, columns.astype(np.int32), start), (last - first, self._n_cut))
+            out[first:last] = matrix @ values
+            first = last
+        return out
+
+
+def shares_at(device: Device, octree: Octree, points: np.ndarray, normals: np.ndarray | None = None) -> Shares:
     """What carries values at the boundary of the cut cells, such as fluence, to points on or near the surface.
 
     Parameters
@@ -64,7 +89,7 @@ def shares_at(device: Device, octree: Octree, points: np.ndarray,
 
     Returns
     -------
-    (n, n_cut) sparse
+    Shares
         Points too far from any cut cell get the nearest one's value.
     """
     n = len(points)
@@ -74,29 +99,18 @@ def shares_at(device: Device, octree: Octree, points: np.ndarray,
         centre, direction = boundary_points(octree)
         normals = normals.copy()
         normals[unknown] = direction[cKDTree(centre).query(points[unknown])[1]]
-    cells = octree.lend_body()[:-1]
-    parts: list[list[np.ndarray]] = [[np.zeros(0, kind)] for kind in (np.int32, np.int32, device.real)]
+    cells, parts, nearest = octree.lend_body()[:-1], [], None
+    place = np.uint16 if octree.cut.n <= 1 << 16 else np.int32
     for first in range(0, n, CHUNK):
-        used, cuts, shares = _fit(device, octree, cells, points[first : first + CHUNK], normals[first : first + CHUNK])
-        none = np.flatnonzero(used == 0)
-        cuts[none, 0], shares[none, 0], used[none] = -1, 1, 1
+        some = points[first : first + CHUNK]
+        used, cuts, shares = _fit(device, octree, cells, some, normals[first : first + CHUNK])
+        far = np.flatnonzero(used == 0)
+        if len(far):
+            nearest = nearest or cKDTree(boundary_points(octree)[0])
+            cuts[far, 0], shares[far, 0], used[far] = nearest.query(some[far])[1], 1, 1
         kept = np.arange(cuts.shape[1]) < used[:, None]
-        for part, found in zip(parts, (used, cuts[kept], shares[kept]), strict=True):
-            part.append(found)
-    counts, columns, values = (_joined(part) for part in parts)
-    start = np.concatenate([[0], np.cumsum(counts)])
-    far = np.flatnonzero(columns < 0)
-    if len(far):
-        lone = points[np.searchsorted(start, far)]
-        columns[far] = cKDTree(boundary_points(octree)[0]).query(lone)[1]
-    return sparse.csr_matrix((values, columns, start), (n, octree.cut.n))
-
-
-def _joined(parts: list[np.ndarray]) -> np.ndarray:
-    """Arrays end to end; the list is emptied."""
-    joined = np.concatenate(parts)
-    parts.clear()
-    return joined
+        parts.append((shares[kept], cuts[kept].astype(place), np.concatenate([[0], np.cumsum(used)]).astype(np.int32)))
+    return Shares(parts, octree.cut.n)
 
 
 def _fit(device: Device, octree: Octree, cells: tuple[Any, ...], points: np.ndarray,
