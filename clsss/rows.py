@@ -14,7 +14,7 @@ import numpy as np
 from clsss.device import Buffer, Device
 
 SAMPLES = 2**14  # values among which frequent ones are sought
-CHUNK = 2**16  # cells at a time, so that what is found of each takes little memory
+CHUNK = 2**14  # cells at a time, so that what is found of each takes little memory
 FREQUENT = 4  # transmissibilities of which cells may share rows
 
 
@@ -53,12 +53,15 @@ def _frequent(values: np.ndarray, count: int) -> np.ndarray:
 def _patterns(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which of the frequent values the rows (n, 6) have, as a number, and whether they have no others."""
     pattern, known = np.zeros(len(values), np.int16), np.zeros(len(values), bool)
-    frequent, place = _frequent(values.ravel(), FREQUENT), FREQUENT ** np.arange(6, dtype=np.int16)
+    frequent = _frequent(values.ravel(), FREQUENT)
     for first in range(0, len(values), CHUNK):
-        part = slice(first, first + CHUNK)
-        alike = values[part, :, None] == frequent
-        pattern[part] = (alike @ np.arange(len(frequent), dtype=np.int16)) @ place
-        known[part] = alike.any(axis=2).all(axis=1)
+        some, number = values[first : first + CHUNK], np.zeros(min(CHUNK, len(values) - first), np.int64)
+        found = np.zeros(some.shape, bool)
+        for k, value in enumerate(frequent):
+            alike = some == value
+            found |= alike
+            number += k * alike @ FREQUENT ** np.arange(6)
+        pattern[first : first + CHUNK], known[first : first + CHUNK] = number, found.all(axis=1)
     return pattern, known
 
 
