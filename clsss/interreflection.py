@@ -233,6 +233,7 @@ class Interreflection:
     def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
         """J.n and H_t (n_cut, 3) at the boundary of the cut cells, for a complete `phi`; overwrites `r_B`."""
         self.coupling.add_moment(self.r_B)
+        self.residual.complete(phi)
         return self.residual.boundary_flux(phi, self.r_B, self.r_B), self.coupling.entered(self.r_B)
 
     @property

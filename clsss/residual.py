@@ -63,7 +63,9 @@ class Residual:
         self._reflux = device.kernel("residual", "reflux", *d)
         self._gradient = device.kernel("gradient", "gradient", *d)
         self._correct = device.kernel("correct", "correct_residual", *d)
-        self._boundary, self._leave = (device.kernel("boundary", f, *d) for f in ("boundary_value", "leave_boundary"))
+        self._boundary, self._with_entered, self._leave = (
+            device.kernel("boundary", name, *d) for name in ("boundary_value", "value_with_entered", "leave_boundary")
+        )
 
     def complete(self, phi: Field) -> None:
         """Fill what depends on the leaves: covered cells, ghosts, and `slope`."""
@@ -135,13 +137,13 @@ class Residual:
 
     def add_flux(self, phi: Field, moment: Buffer, patches: tuple[Any, ...], blend: SparseMatrix, gain: float,
                  entered: Buffer, flux: Buffer) -> None:  # fmt: skip
-        """Add J.n of `patches` of cut cells (`places_of`) to `flux` (p, 3), for a complete `phi`.
+        """Add J.n of `patches` of cut cells (`places_of`) to `flux` (p, 3), for a complete `phi`; uses `slope` up.
 
         Of what has `entered` patches (p, 3), `gain` times its mean by `blend` at a cut cell takes part in its moment.
         """
-        p = flux.shape[0]
-        self.device.run(self._leave, p, p, *self._at_boundary, moment, phi[-1], *patches, *blend.rows, gain, entered,
-                        flux)  # fmt: skip
+        run, p, cut = self.device.run, flux.shape[0], self.op.octree.cut
+        run(self._with_entered, cut.n, cut.n, *self._at_boundary, moment, phi[-1], *blend.rows, gain, entered)
+        run(self._leave, p, p, self.op.medium.fresnel_A, *patches, cut.boundary, self.slope, flux)
 
     @property
     def _at_boundary(self) -> tuple[Any, ...]:
