@@ -36,8 +36,8 @@ __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, ME
                                 colours_at(c, moment)).xyz, c, phi_B);
 }
 
-/* phi_B in the place of the gradient's first row; of the light that has entered patches, `gain` times its blend at a cell
- * takes part in the moment. One work-item a cell: looping over a patch's cells takes five times as long. */
+/* phi_B in the place of the gradient's first row; of the light that has entered patches, `gain` times its blend at a
+ * cell takes part in the moment. One work-item a cell: looping over a patch's cells takes five times as long. */
 // cost value_with_entered: 49R+2M+28 B, 110 flop
 __kernel void value_with_entered(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                                  __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
