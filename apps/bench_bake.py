@@ -79,7 +79,7 @@ class Bake:
 
     @property
     def bytes_per_cell(self) -> float:
-        """Most device memory held at once, over the cells of all levels."""
+        """Most device memory held at once, bake and relight, over the cells of all levels."""
         return self.device_bytes / self.cells
 
     @property
@@ -127,7 +127,7 @@ def bake(job: Job) -> Bake:
     peak = peak_rss()
     return Bake(job, bandwidth_unit(), seconds, done - start, relit - done, report["mesh"]["faces"], octree["cells"],
                 octree["leaves"], solve["cycles"], again.report["solve"]["cycles"], solve["converged"],
-                report["memory_mb"]["device"] * 2**20, peak, unpacked_bytes(job.mesh))  # fmt: skip
+                again.report["memory_mb"]["device"] * 2**20, peak, unpacked_bytes(job.mesh))  # fmt: skip
 
 
 def in_own_process(work: Callable[..., Any], *arguments: Any) -> Any:

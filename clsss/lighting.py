@@ -62,50 +62,50 @@ class Setup:
         """Of one set of lights after the other: no solution needs it any more."""
         return Load(self.device, self.octree)
 
-    @cached_property
-    def phi(self) -> Field:
-        """Fluence of one set of lights after the other."""
-        return Field(self.device, self.octree)
-
-    def hold(self) -> Fluence:
-        """The fluence that is on the device now, as that of a solution."""
-        found = Fluence(self.phi, self.octree)
-        self._on_device = weakref.ref(found)
-        return found
-
     def vacate(self) -> None:
-        """Make room for another solution's fluence on the device, if one's that still counts is there."""
+        """Make room: the device holds the fluence of one solution at a time, and of none while sources are made."""
         found = self._on_device and self._on_device()
         if found:
             found.leave()
 
+    def hold(self, fluence: Fluence) -> Field:
+        """A solution's fluence on the device; ghosts are stale where it was on the host."""
+        if fluence.field is None:
+            self.vacate()
+            fluence.field = fluence.copy(self.device, self.octree)
+        self._on_device = weakref.ref(fluence)
+        return fluence.field
+
 
 class Fluence:
-    """Fluence in the cells of one solution: on the device until another needs the place, then on the host."""
+    """Fluence in the cells of one solution: on the device until it makes room for another's, then on the host.
 
-    def __init__(self, place: Field, octree: Octree):
-        self._place, self._sizes = place, [level.n for level in octree.levels]
-        self._kept: list[np.ndarray] | None = None  # (n, 3) real of each level
+    Attributes
+    ----------
+    field : Field or None
+        On the device.
+    """
 
-    @property
-    def on_device(self) -> bool:
-        """Whether no other has come since."""
-        return self._kept is None
+    def __init__(self, field: Field, octree: Octree):
+        self.field: Field | None = field
+        self._sizes = [level.n for level in octree.levels]
+        self._kept: list[np.ndarray] = []  # (n, 3) real of each level
 
     def leave(self) -> None:
         """From now on be on the host."""
-        if self.on_device:
-            self._kept = [x.get(0, n)[:, :3].copy() for x, n in zip(self._place, self._sizes, strict=True)]
+        if self.field and not self._kept:
+            self._kept = [x.get(0, n)[:, :3].copy() for x, n in zip(self.field, self._sizes, strict=True)]
+        self.field = None
 
-    def put(self, scale: float | np.ndarray = 1.0) -> None:
-        """Overwrite what the device has with this, times `scale` by channels, if it is not there; ghosts get stale."""
-        if self._kept is None:
-            return
-        for x, values in zip(self._place, self._kept, strict=True):
+    def copy(self, device: Device, octree: Octree, scale: float | np.ndarray = 1.0) -> Field:
+        """A copy on the device of what is on the host, times `scale` by channels; ghosts are zero."""
+        field = Field(device, octree)
+        for x, values in zip(field, self._kept, strict=True):
             padded = np.zeros(x.shape, x.dtype)
             np.multiply(values, scale, out=padded[: len(values), :3], casting="unsafe")
             padded[:, 3] = padded[:, 2]
             x.set(padded)
+        return field
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class Solution:
     unit : float
         Strength of the lights [W/mm^2].
     phi : Fluence
-        In the cells; the device holds one solution's at a time (`Setup.phi`).
+        In the cells; the device holds one solution's at a time (`Setup.hold`).
     flux : (n_cut, 3) real
         J.n at the boundary of the cut cells: what leaves them for good.
     exitance : (n_cut, 3) real
@@ -168,6 +168,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     """
     device, octree, medium = setup.device, setup.octree, setup.medium
     unit = light_unit(list(lights), setup.mesh.size)
+    setup.vacate()
     with timed("source", seconds, tell):
         source = make_source(
             device, octree, medium, list(lights), unit, setup.shadows, lambda f: tell("source", f),
@@ -183,17 +184,15 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         coupling = setup.coupling
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
-        setup.vacate()
-        phi = setup.phi
-        follower = Interreflection(coupling, setup.multigrid.residual, source, phi) if coupling else None
-        phi.whole.fill(0)
+        brighter = np.zeros(3)
         if last is not None:
             # As bright as the lights are now, by channels: where nothing is deposited no residual is told.
             before, now = last.source.deposited / last.unit, source.deposited / unit
-            brighter = np.divide(now, before, out=np.zeros(3), where=before > 0)
-            last.phi.put(brighter)
-            if follower:
-                follower.start_from(last.leaving * brighter)
+            np.divide(now, before, out=brighter, where=before > 0)
+        phi = last.phi.copy(device, octree, brighter) if last else Field(device, octree)
+        follower = Interreflection(coupling, setup.multigrid.residual, source, phi) if coupling else None
+        if follower and last:
+            follower.start_from(last.leaving * brighter)
         convergence = setup.multigrid.solve(
             source.b, phi, setup.tolerance, progress=lambda f: tell("solve", f), follower=follower,
             from_zero=last is None,
@@ -208,15 +207,14 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     if moment is not None:
         moment = moment - gain * entering
     deposit = Deposit(source.wall, source.deposited, source.incident, source.lost)
-    return Solution(unit, setup.hold(), flux, exitance, once, leaving, moment, deposit, convergence), fluence
+    solution = Solution(unit, Fluence(phi, octree), flux, exitance, once, leaving, moment, deposit, convergence)
+    setup.hold(solution.phi)
+    return solution, fluence
 
 
 def interpolate(setup: Setup, solution: Solution, points: np.ndarray) -> np.ndarray:
     """Fluence (n, 3) at points (n, 3) [mm], linear about the centroids of the leaves that hold them; else NaN."""
-    octree, phi = setup.octree, setup.phi
-    if not solution.phi.on_device:
-        setup.vacate()
-        solution.phi.put()
+    octree, phi = setup.octree, setup.hold(solution.phi)
     setup.multigrid.residual.wall = solution.source.wall
     setup.multigrid.residual.complete(phi)
     out = np.full((len(points), 3), np.nan)

@@ -94,7 +94,6 @@ class Multigrid:
         # captured by the last solve: the next replays the cycle, unless light is coupled otherwise
         self._cycle: Callable[[], None] | None = None
         self._coupling: Coupling | None = None
-        self._take_residual: Callable[[], None] | None = None
 
     def _invert_coarsest(self) -> Buffer:
         level, op = self.op.octree.levels[0], self.op
@@ -223,7 +222,7 @@ class Multigrid:
         scale = np.sqrt(self.inner_product(b, b))
         lit = scale > 0
         r, capture, top = self.r, self.device.capture, len(self.e) - 1
-        self._take_residual = capture(lambda: self.residual(phi, b, r))
+        take_residual = capture(lambda: self.residual(phi, b, r))
         adjust = capture(lambda: follower.adjust(r)) if follower else None
         coupling = follower.coupling if follower else None
         if self._cycle is None or self._coupling is not coupling:
@@ -236,7 +235,7 @@ class Multigrid:
             if from_zero and not residuals and self.residual.wall is None:
                 self.residual.of_zero(b, r)
             else:
-                self._take_residual()
+                take_residual()
             if follower and adjust:
                 follower.update()
                 adjust()
@@ -257,7 +256,7 @@ class Multigrid:
                 undecided = False
                 left_by_rounding = rounding_gain(self.op) * np.sqrt(self.inner_product(phi, phi))
                 if (left_by_rounding > NEAR * tolerance * scale).any():
-                    self._take_residual()
+                    take_residual()
                     held = Held(phi, b, r, self.residual.wall, follower)
                     if adjust:
                         adjust()

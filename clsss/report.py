@@ -77,7 +77,7 @@ def _absorbed(setup: Setup, solution: Solution) -> np.ndarray:
     tree, medium, layer = setup.octree, setup.medium, setup.layer
     absorbed = solution.source.lost / solution.unit
     rate = np.array(medium.sigma_a[-1].tolist())[:3] if medium.homogeneous else np.ones(3)
-    for level, x, sigma_a in zip(tree.levels, setup.phi, medium.sigma_a, strict=True):
+    for level, x, sigma_a in zip(tree.levels, setup.hold(solution.phi), medium.sigma_a, strict=True):
         volume = layer.volume if layer and level is tree.finest else tree.volume(level)
         volume[~level.leaf] = 0
         absorbed += rate * _weighted(x, volume, None if medium.homogeneous else sigma_a)

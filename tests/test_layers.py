@@ -162,3 +162,13 @@ def test_every_public_name_is_there():
 
     assert set(clsss.__all__) < set(dir(clsss))
     assert all(getattr(clsss, name) is not None for name in clsss.__all__)
+
+
+def test_modules_do_not_hide_functions_of_their_names():
+    """`clsss.simulate` and `clsss.materials` are functions, whatever was imported before."""
+    code = (
+        "import clsss.materials, clsss.simulate; clsss.Result, clsss.Material\n"
+        "assert callable(clsss.simulate) and callable(clsss.materials), (clsss.simulate, clsss.materials)\n"
+        "from clsss import simulate; assert simulate is clsss.simulate"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
