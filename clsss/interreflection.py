@@ -8,6 +8,7 @@ small part of a cycle.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -88,7 +89,7 @@ class PatchCoupling:
         )
         self._squares = [device.zeros((tiles(p), CHANNELS)) for _ in range(2)]
 
-    def step(self, residual: Residual, phi: Field, r_B: Buffer, held: Buffer | None) -> None:
+    def step(self, residual: Residual, phi: Field, r_B: Buffer, phi_B: Buffer, held: Buffer | None) -> None:
         """B <- J.n + F B.
 
         Parameters
@@ -98,12 +99,14 @@ class PatchCoupling:
             Complete.
         r_B : (n_cut, 3) real, device
             First moment of all else than the exchange at the boundary.
+        phi_B : (n_cut, 3) real, device
+            Gets the fluence at the boundary.
         held : (p, 3) real, device, or None
             J.n of a solution that no longer changes.
         """
         p = self.B.shape[0]
         self._arriving.multiply_both(self._entering, self.B, self.change, self._came_in, held)
-        residual.add_flux(phi, r_B, self._patches, self._blend, self._gain, self._came_in, self.change)
+        residual.add_flux(phi, r_B, self._patches, self._blend, self._gain, self._came_in, phi_B, self.change)
         self.device.run(self._advance, GROUP * tiles(p), p, self.B, self.change, *self._squares, group=GROUP)
 
     def moved(self) -> float:
@@ -126,10 +129,10 @@ class PatchCoupling:
         self._blend.multiply(1, self._came_in, room)
         return room.get()
 
-    def flux_of_patches(self, residual: Residual, phi: Field, moment: Buffer) -> Buffer:
+    def flux_of_patches(self, residual: Residual, phi: Field, moment: Buffer, phi_B: Buffer) -> Buffer:
         """J.n (p, 3) of each patch, for a complete `phi` and a first moment (n_cut, 3) at the boundary."""
         flux = self.device.zeros(self.B.shape)
-        residual.add_flux(phi, moment, self._patches, self._blend, 0.0, self._came_in, flux)
+        residual.add_flux(phi, moment, self._patches, self._blend, 0.0, self._came_in, phi_B, flux)
         return flux
 
     def _add_entered(self, entered: Buffer, r: Buffer) -> None:
@@ -186,7 +189,7 @@ class Interreflection:
 
     def __init__(self, coupling: PatchCoupling, residual: Residual, source: Source, phi: Field):
         self.coupling, self.residual, self.r_B = coupling, residual, source.moment
-        self._phi = phi
+        self._phi, self._phi_B = phi, coupling.device.empty((residual.op.octree.cut.n, 3))
         coupling.B.fill(0)
         self._update = self._captured_update(None)
 
@@ -201,7 +204,8 @@ class Interreflection:
         self.coupling.change.set(values[len(values) // 2 :])
 
     def _captured_update(self, held: Buffer | None) -> Callable[[], None]:
-        return self.coupling.device.capture(lambda: self.coupling.step(self.residual, self._phi, self.r_B, held))
+        step = partial(self.coupling.step, self.residual, self._phi, self.r_B, self._phi_B, held)
+        return self.coupling.device.capture(step)
 
     def update(self) -> None:
         """Enqueue one step of the exchange."""
@@ -217,7 +221,7 @@ class Interreflection:
 
     def hold(self, phi: Field) -> None:
         """From now on count the solution from a complete `phi`."""
-        self._update = self._captured_update(self.coupling.flux_of_patches(self.residual, phi, self.r_B))
+        self._update = self._captured_update(self.coupling.flux_of_patches(self.residual, phi, self.r_B, self._phi_B))
         self._set_aside = self.r_B.get()
         self.r_B.fill(0)
 
@@ -233,7 +237,6 @@ class Interreflection:
     def surface(self, phi: Field) -> tuple[np.ndarray, np.ndarray]:
         """J.n and H_t (n_cut, 3) at the boundary of the cut cells, for a complete `phi`; overwrites `r_B`."""
         self.coupling.add_moment(self.r_B)
-        self.residual.complete(phi)
         return self.residual.boundary_flux(phi, self.r_B, self.r_B), self.coupling.entered(self.r_B)
 
     @property

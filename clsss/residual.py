@@ -136,14 +136,16 @@ class Residual:
         return phi_B.get() / (2 * self.op.medium.fresnel_A)
 
     def add_flux(self, phi: Field, moment: Buffer, patches: tuple[Any, ...], blend: SparseMatrix, gain: float,
-                 entered: Buffer, flux: Buffer) -> None:  # fmt: skip
-        """Add J.n of `patches` of cut cells (`places_of`) to `flux` (p, 3), for a complete `phi`; uses `slope` up.
+                 entered: Buffer, phi_B: Buffer, flux: Buffer) -> None:  # fmt: skip
+        """Add J.n of `patches` of cut cells (`places_of`) to `flux` (p, 3), for a complete `phi`.
 
         Of what has `entered` patches (p, 3), `gain` times its mean by `blend` at a cut cell takes part in its moment.
+        `phi_B` (n_cut, 3) gets the fluence at the boundary.
         """
         run, p, cut = self.device.run, flux.shape[0], self.op.octree.cut
-        run(self._with_entered, cut.n, cut.n, *self._at_boundary, moment, phi[-1], *blend.rows, gain, entered)
-        run(self._leave, p, p, self.op.medium.fresnel_A, *patches, cut.boundary, self.slope, flux)
+        run(self._with_entered, cut.n, cut.n, *self._at_boundary, moment, phi[-1], *blend.rows, gain, entered,
+            phi_B)  # fmt: skip
+        run(self._leave, p, p, self.op.medium.fresnel_A, *patches, cut.boundary, phi_B, flux)
 
     @property
     def _at_boundary(self) -> tuple[Any, ...]:

@@ -36,21 +36,21 @@ __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, ME
                                 colours_at(c, moment)).xyz, c, phi_B);
 }
 
-/* phi_B in the place of the gradient's first row; of the light that has entered patches, `gain` times its blend at a
- * cell takes part in the moment. One work-item a cell: looping over a patch's cells takes five times as long. */
+/* phi_B, where of the light that has entered patches `gain` times its blend at a cell takes part in the moment. One
+ * work-item a cell: looping over a patch's cells takes five times as long. */
 // cost value_with_entered: 49R+2M+28 B, 110 flop
 __kernel void value_with_entered(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                                  __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
                                  __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
-                                 __global REAL *slope, __global const REAL *restrict moment,
+                                 __global const REAL *restrict slope, __global const REAL *restrict moment,
                                  __global const REAL4 *restrict x, MATRIX(blend), const REAL gain,
-                                 __global const REAL *restrict entered) {
+                                 __global const REAL *restrict entered, __global REAL *restrict phi_B) {
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
     const REAL4 r_B = colours_at(c, moment) - gain * row_times(c, MATRIX_OF(blend), entered);
-    vstore3(fluence_at_boundary(c, i, h, fresnel_A, D, fitted, centroid, boundary, normal, slope, x[i], r_B).xyz,
-            3 * c, slope);
+    vstore3(fluence_at_boundary(c, i, h, fresnel_A, D, fitted, centroid, boundary, normal, slope, x[i], r_B).xyz, c,
+            phi_B);
 }
 
 /* Add J.n = phi_B / 2A of each patch to y, the mean over its cut cells by area. */
@@ -65,7 +65,7 @@ __kernel void leave_boundary(const int n, const REAL fresnel_A, PLACES(patches),
     REAL area = 0;
     for (int k = first_of_row(patch, patches); k < end_of_row(patch, patches); k++) {
         const int c = column_of(k, patches);
-        sum += boundary[c].w * colours_at(3 * c, phi_B);
+        sum += boundary[c].w * colours_at(c, phi_B);
         area += boundary[c].w;
     }
     const REAL4 flux = sum / (2 * fresnel_A * fmax(area, (REAL)1e-30));

@@ -41,10 +41,10 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
         if (j == i) continue;
         const REAL4 towards = towards_light(light, corner, 1, f);
         REAL area = 1;
-        REAL4 other = (REAL4)(0), F_i = F[i], F_j = F[j], x2 = (REAL4)(0);
-        int c = -1;
-        if (j < n) {
-            c = cut_index[j];
+        REAL4 F_i = F[i], F_j = F[j], x2 = (REAL4)(0);
+        const REAL4 other = j < n ? first_moment(g, D, sigma_s, j) : first_moment(g, D_coarse, sigma_s_coarse, parent[j]);
+        const int c = j < n ? cut_index[j] : -1;
+        if (j < n && (cut >= 0 || c >= 0)) {
             const Face face = face_between(f >> 1, up ? cut : c, up ? c : cut, centroid, aperture, face_centroid);
             area = face.area;
             x2 = link_width2(k2, FITTED_AT(fitted, j), face.delta, f >> 1, cut, c, boundary, normal);
@@ -52,9 +52,6 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
                                 h * (AT(sigma_a, i) + AT(sigma_s, i)), normal, F_B);
             F_j = carried_along(F_j, c, up ? face.tau_high : face.tau_low, towards,
                                 h * (AT(sigma_a, j) + AT(sigma_s, j)), normal, F_B);
-            other = first_moment(g, D, sigma_s, j);
-        } else {
-            other = first_moment(g, D_coarse, sigma_s_coarse, parent[j]);
         }
         const REAL4 flux = area * outward(towards, f) * (a + (own + other) / 2), mean = near_mean(F_i, F_j, x2);
         sum -= flux * mean;
