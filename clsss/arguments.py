@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -117,3 +117,12 @@ def check_memory(mesh: Mesh, resolution: int) -> None:
         f"resolution {resolution} needs about {needed / 2**30:.1f} GB of memory and {free / 2**30:.1f} GB are free; "
         f"use {fits} or less"
     )
+
+
+def reporter(progress: bool | Callable[[str, float], None] | None) -> Callable[[str, float], None]:
+    """What to call with ``(stage, fraction)``: a caller's own, one that prints, or one that does nothing."""
+    if callable(progress):
+        return progress
+    if progress:
+        return lambda stage, fraction: print(f"{stage}: {100 * fraction:.0f} %", flush=True)
+    return lambda stage, fraction: None

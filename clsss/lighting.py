@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from clsss.device import Device
-from clsss.diffusion import Coefficients, Field, Load, cell_points
+from clsss.diffusion import Coefficients, Field, Load, cell_points, channels
 from clsss.exchange import Exchange
 from clsss.fresnel import entering_gain
+from clsss.heap import give_back
 from clsss.interreflection import Interreflection, PatchCoupling
 from clsss.layer import Layer
 from clsss.mesh import Mesh
@@ -30,6 +31,7 @@ from clsss.source import Deposit, light_unit, make_source
 from clsss.surface import Shares
 
 Progress = Callable[[str, float], None]
+CHUNK = 1 << 16  # cells that are copied to or from the device at a time
 
 
 @dataclass(eq=False)
@@ -54,8 +56,12 @@ class Setup:
     @cached_property
     def coupling(self) -> PatchCoupling | None:
         """The exchange on the device; the host needs it no longer."""
-        exchange, self.exchange = self.exchange, None
-        return PatchCoupling(self.device, self.multigrid.op, exchange, self.multigrid.e) if exchange else None
+        if not self.exchange:
+            return None
+        coupling = PatchCoupling(self.device, self.multigrid.op, self.exchange, self.multigrid.e)
+        self.exchange = None
+        give_back()
+        return coupling
 
     @cached_property
     def right_hand_side(self) -> Load:
@@ -94,17 +100,20 @@ class Fluence:
     def leave(self) -> None:
         """From now on be on the host."""
         if self.field and not self._kept:
-            self._kept = [x.get(0, n)[:, :3].copy() for x, n in zip(self.field, self._sizes, strict=True)]
+            self._kept = [np.empty((n, 3), x.dtype) for x, n in zip(self.field, self._sizes, strict=True)]
+            for x, values in zip(self.field, self._kept, strict=True):
+                for first in range(0, len(values), CHUNK):
+                    part = values[first : first + CHUNK]
+                    part[:] = x.get(first, len(part))[:, :3]
         self.field = None
 
     def copy(self, device: Device, octree: Octree, scale: float | np.ndarray = 1.0) -> Field:
         """A copy on the device of what is on the host, times `scale` by channels; ghosts are zero."""
         field = Field(device, octree)
-        for x, values in zip(field, self._kept, strict=True):
-            padded = np.zeros(x.shape, x.dtype)
-            np.multiply(values, scale, out=padded[: len(values), :3], casting="unsafe")
-            padded[:, 3] = padded[:, 2]
-            x.set(padded)
+        for start, values in zip(field.start, self._kept, strict=True):
+            for first in range(0, len(values), CHUNK):
+                part = values[first : first + CHUNK] * np.asarray(scale, values.dtype)
+                field.whole.rows(start + first, len(part)).set(channels(part))
         return field
 
 

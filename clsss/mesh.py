@@ -7,8 +7,6 @@ inside another is a cavity.
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import os
 import warnings
 from collections.abc import Sequence
@@ -23,6 +21,7 @@ import numpy as np
 from clsss import meshfile
 from clsss.errors import InputError
 from clsss.halfedges import areas, cross, runs, sides
+from clsss.heap import give_back
 from clsss.rays import RayCaster, contains
 from clsss.repair import Repaired, repair
 
@@ -165,15 +164,9 @@ def load_mesh(
     if solid:
         require_volume(mesh)
         _warn_of_caps(mesh)
-    _give_back()
+    give_back()
     mesh.report["seconds"] = perf_counter() - start
     return mesh
-
-
-def _give_back() -> None:
-    """Give back what freed arrays left, with glibc: it keeps more of it than a large mesh takes."""
-    with contextlib.suppress(AttributeError, OSError, TypeError):  # other C libraries
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _as_is(vertices: np.ndarray, faces: np.ndarray) -> Repaired:

@@ -14,11 +14,12 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from clsss import cutcell, diffusion, octree, validity
-from clsss.arguments import check, check_memory, checked_lights, checked_points
+from clsss.arguments import check, check_memory, checked_lights, checked_points, reporter
 from clsss.device import open_device
 from clsss.errors import InputError
 from clsss.exchange import leaving_shape, trace_exchange
 from clsss.fresnel import fresnel_A
+from clsss.heap import give_back
 from clsss.inner import Inner, in_wide_cells, within
 from clsss.layer import fitted_layer
 from clsss.lighting import Progress, Setup, Solution, interpolate, light, timed
@@ -174,7 +175,7 @@ class Result:
             text = "lights inside the object where its cells are wide, as they were made for others: simulate it again"
             warnings.warn(text, UserWarning, stacklevel=2)
         seconds = {"load": 0.0, **dict.fromkeys(STAGES, 0.0)}
-        return _bake(self._setup, self.medium, found, self._solution, seconds, start, _reporter(progress))
+        return _bake(self._setup, self.medium, found, self._solution, seconds, start, reporter(progress))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save by suffix: .glb .ply .obj .npz .vtu; written to a temporary name, then moved."""
@@ -239,7 +240,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     check(mesh, medium, resolution, tolerance, phase, scattering, blockers)
     check_memory(mesh, int(resolution))
     validity.warn(mesh, medium)
-    tell = _reporter(progress)
+    tell = reporter(progress)
     seconds = {"load": float(mesh.report.get("seconds", 0.0)), **dict.fromkeys(STAGES, 0.0)}
     with timed("device", seconds, tell):
         dev = open_device(device, precision)
@@ -248,6 +249,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     with timed("cut cells", seconds, tell):
         samples = cutcell.sample_surface(dev, grid, mesh)
         dev.finish()
+        give_back()
     with timed("octree", seconds, tell):
         refine = Inner(grid, lights, within(grid, samples.inside)).around(varies(medium)) if adaptive else None
         tree = octree.build(dev, grid, samples, refine)
@@ -261,13 +263,15 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
         layer = fitted_layer(dev, tree, coefficients)
         dev.finish()
+        give_back()
     validity.warn_unresolved(tree.thickness, grid.h, int(resolution))
     with timed("exchange", seconds, tell):
         opaque = opaque_triangles(blockers)
         shadows = None if opaque is None else RayCaster(opaque)
         exchange = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
-    with timed("surface", seconds, _reporter(None)):  # the device holds less now than when it has solved
+    with timed("surface", seconds, reporter(None)):  # the device holds less now than when it has solved
         at_vertices = shares_at(dev, tree, mesh.vertices, mesh.normals)
+        give_back()
     setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, exchange, at_vertices, tuple(blockers), shadows,
                   scattering == "split", tolerance, before)  # fmt: skip
     del exchange
@@ -294,11 +298,3 @@ def _at_surface(shares: Shares, *fields: np.ndarray) -> list[np.ndarray]:
     """Fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
     values = shares @ np.concatenate(fields, axis=1, dtype=fields[0].dtype)
     return np.split(np.maximum(values, 0, out=values), len(fields), axis=1)
-
-
-def _reporter(progress: bool | Progress | None) -> Progress:
-    if callable(progress):
-        return progress
-    if progress:
-        return lambda stage, fraction: print(f"{stage}: {100 * fraction:.0f} %", flush=True)
-    return lambda stage, fraction: None

@@ -42,7 +42,8 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
         const REAL4 towards = towards_light(light, corner, 1, f);
         REAL area = 1;
         REAL4 F_i = F[i], F_j = F[j], x2 = (REAL4)(0);
-        const REAL4 other = j < n ? first_moment(g, D, sigma_s, j) : first_moment(g, D_coarse, sigma_s_coarse, parent[j]);
+        const REAL4 other =
+            j < n ? first_moment(g, D, sigma_s, j) : first_moment(g, D_coarse, sigma_s_coarse, parent[j]);
         const int c = j < n ? cut_index[j] : -1;
         if (j < n && (cut >= 0 || c >= 0)) {
             const Face face = face_between(f >> 1, up ? cut : c, up ? c : cut, centroid, aperture, face_centroid);

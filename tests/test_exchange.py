@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+
 import numpy as np
 import pytest
 import trimesh
@@ -159,7 +161,7 @@ MARBLE = Material.from_reduced(sigma_a=0.0041, sigma_s_prime=2.62, eta=1.5)
 def without_exchange(monkeypatch, *arguments, **options):
     """Simulate as if no part of the surface saw another."""
     with monkeypatch.context() as patch:
-        patch.setattr("clsss.simulate.trace_exchange", lambda *_, **__: None)
+        patch.setattr(importlib.import_module("clsss.simulate"), "trace_exchange", lambda *_, **__: None)
         return simulate(*arguments, **options)
 
 

@@ -12,7 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "clsss"
 LAYERS = {
-    -1: ["errors", "discovery", "capture", "kernelsource", "morton", "srgb", "kept", "fresnel", "exposure"],
+    -1: ["errors", "discovery", "capture", "kernelsource", "morton", "srgb", "kept", "fresnel", "exposure", "heap"],
     0: [
         "device",
         "materials",
