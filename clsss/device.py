@@ -283,6 +283,6 @@ class Device:
         pause = 0.0
         while (status := last.command_execution_status) > cl.command_execution_status.COMPLETE:
             time.sleep(pause)
-            pause = min(pause + 2e-5, 2e-3)
+            pause = min(pause + 2e-5, 3e-4)
         if status < 0:
             raise DeviceError(f"OpenCL device {self.name} failed while it computed (error {status})")
