@@ -100,11 +100,12 @@ class Fluence:
     def leave(self) -> None:
         """From now on be on the host."""
         if self.field and not self._kept:
-            self._kept = [np.empty((n, 3), x.dtype) for x, n in zip(self.field, self._sizes, strict=True)]
-            for x, values in zip(self.field, self._kept, strict=True):
+            kept = [np.empty((n, 3), x.dtype) for x, n in zip(self.field, self._sizes, strict=True)]
+            for x, values in zip(self.field, kept, strict=True):
                 for first in range(0, len(values), CHUNK):
                     part = values[first : first + CHUNK]
                     part[:] = x.get(first, len(part))[:, :3]
+            self._kept = kept  # only now: Ctrl-C may come before
         self.field = None
 
     def copy(self, device: Device, octree: Octree, scale: float | np.ndarray = 1.0) -> Field:

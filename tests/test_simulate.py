@@ -14,7 +14,7 @@ from shapes import ROTATION, box, box_triangles, hollow_sphere, relative_rms, so
 
 import clsss
 from clsss.analytic import slab
-from clsss.device import Device, open_device
+from clsss.device import Buffer, Device, open_device
 from clsss.errors import DeviceError, InputError
 from clsss.fresnel import fresnel_A, fresnel_transmittance
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
@@ -306,6 +306,22 @@ def test_relight_leaves_the_first_result_alone(small):
     np.testing.assert_array_equal(small.vertex_radiosity, before)
     np.testing.assert_array_equal(small.fluence(points), fluence)
     np.testing.assert_allclose(small.radiosity(small.mesh.vertices[:20]), before[:20], rtol=0.02)
+
+
+def test_a_relight_that_is_stopped_leaves_the_first_result_alone(monkeypatch):
+    """While the host copies its fluence, so that the device has room."""
+    first, points = simulate(sphere(10, 3), MARBLE, [SUN], resolution=16), np.array([[0.0, 0, 0], [3, 2, 1]])
+    expected = first.fluence(points)
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Buffer, "get", stop)
+        with pytest.raises(KeyboardInterrupt):
+            first.relight([DirectionalLight((0, 0, -1))])
+    first.relight([DirectionalLight((0, 0, -1))])
+    np.testing.assert_allclose(first.fluence(points), expected, rtol=1e-6)
 
 
 def test_relight_with_the_same_lights_takes_little(small):
