@@ -140,7 +140,7 @@ def errors(bench: Bench, exact: problems.Exact, n: int, adaptive: bool = False) 
     def on_sphere(points: np.ndarray) -> np.ndarray:
         return exact.phi(exact.radius * points / np.linalg.norm(points, axis=1, keepdims=True))
 
-    out["surface L2"], out["surface Linf"] = norms(phi_B.get()[:, :3], on_sphere(points), area)
+    out["surface L2"], out["surface Linf"] = norms(phi_B.get(), on_sphere(points), area)
     fitted = fluence_at(bench.device, tree, phi_B, mesh.vertices, mesh.normals)
     out["vertex L2"], out["vertex Linf"] = norms(fitted, on_sphere(mesh.vertices), np.ones(len(fitted)))
     return out

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clsss.halfedges import areas
+
 if TYPE_CHECKING:
     from clsss.mesh import Mesh
 
@@ -30,7 +32,7 @@ def display_scale(mesh: Mesh, radiosity: np.ndarray, towards: np.ndarray | None 
     float
         [mm^2/W]; 1 where nothing is lit.
     """
-    area = _areas(mesh) if towards is None else np.maximum(_areas_seen(mesh, towards), 0)
+    area = areas(mesh.vertices, mesh.faces) if towards is None else np.maximum(_areas_seen(mesh, towards), 0)
     weight = np.bincount(mesh.faces.ravel(), np.repeat(area, 3), minlength=len(mesh.vertices))
     seen = np.flatnonzero(weight)
     if not len(seen):
@@ -44,12 +46,6 @@ def display_scale(mesh: Mesh, radiosity: np.ndarray, towards: np.ndarray | None 
         return 1.0
     stops = np.clip(0.5 * np.log2(0.4 * white / max(median, 1e-6 * white)), 0, 2)
     return float(2**stops / white)
-
-
-def _areas(mesh: Mesh) -> np.ndarray:
-    """Twice the areas (f,) of the faces."""
-    a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
 def _areas_seen(mesh: Mesh, towards: np.ndarray) -> np.ndarray:

@@ -78,8 +78,7 @@ def _absorbed(setup: Setup, solution: Solution) -> np.ndarray:
     absorbed = solution.source.lost / solution.unit
     rate = np.array(medium.sigma_a[-1].tolist())[:3] if medium.homogeneous else np.ones(3)
     for level, x, sigma_a in zip(tree.levels, setup.hold(solution.phi), medium.sigma_a, strict=True):
-        volume = layer.volume if layer and level is tree.finest else tree.volume(level)
-        volume[~level.leaf] = 0
+        volume = layer.volume if layer and level is tree.finest else tree.volume(level) * level.leaf
         absorbed += rate * _weighted(x, volume, None if medium.homogeneous else sigma_a)
     if layer and solution.moment is not None:
         absorbed -= (layer.conductance * (layer.swell - 1) * solution.moment).sum(axis=0)

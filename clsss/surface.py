@@ -46,8 +46,8 @@ def tangent_frame(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def fluence_at(device: Device, octree: Octree, phi_B: Buffer, points: np.ndarray,
                normals: np.ndarray | None = None) -> np.ndarray:  # fmt: skip
-    """Boundary fluence (n, 3) at points on or near the surface, from `phi_B` (n_cut, 4); see `shares_at`."""
-    return (shares_at(device, octree, points, normals) @ phi_B.get()[:, :3]).astype(float)
+    """Boundary fluence (n, 3) at points on or near the surface, from `phi_B` (n_cut, 3); see `shares_at`."""
+    return (shares_at(device, octree, points, normals) @ phi_B.get()).astype(float)
 
 
 class Shares:

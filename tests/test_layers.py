@@ -12,7 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "clsss"
 LAYERS = {
-    -1: ["errors", "discovery", "capture", "kernelsource", "morton", "srgb", "kept", "fresnel", "exposure", "heap"],
+    -1: ["errors", "discovery", "capture", "kernelsource", "morton", "srgb", "kept", "fresnel", "heap"],
     0: [
         "device",
         "materials",
@@ -41,7 +41,7 @@ LAYERS = {
         "tomlfile",
         "paint",
     ],
-    0.15: ["orientation"],
+    0.15: ["orientation", "exposure"],
     0.2: ["repair", "renderer", "doctor", "triangles"],
     0.3: ["mesh"],
     0.4: ["validity", "volumes", "thickness"],

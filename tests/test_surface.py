@@ -17,8 +17,7 @@ def smooth(directions):
 
 
 def boundary_field(device, tree, function):
-    values = function(boundary_points(tree)[0])
-    return device.array(np.concatenate([values, values[:, 2:]], axis=1))
+    return device.array(function(boundary_points(tree)[0]))
 
 
 def on_sphere(points):
