@@ -24,6 +24,7 @@ from clsss.lights import DirectionalLight, PointLight
 from clsss.morton import morton
 from clsss.octree import Octree
 from clsss.rays import LINING, RayCaster
+from clsss.room import Room
 from clsss.sums import GROUP, sum_of_parts, tiles
 
 
@@ -74,26 +75,26 @@ class Beams:
     medium : Coefficients
     blockers : RayCaster, optional
         Opaque bodies in front of the lights.
-    lent : tuple of Load and Field, optional
-        Where to add deposits up, and where the beams may leave their irradiance.
+    lent : tuple of Load, Field and Room, optional
+        Where to add deposits up, where the beams may leave their irradiance, and what else they need.
     """
 
     def __init__(self, device: Device, octree: Octree, medium: Coefficients, blockers: RayCaster | None = None,
-                 lent: tuple[Load, Field] | None = None):  # fmt: skip
+                 lent: tuple[Load, Field, Room] | None = None):  # fmt: skip
         self.blockers = blockers
         self.device, self.octree, self.medium = device, octree, medium.on_device(device)
         n_cut = octree.cut.n
-        self.Q, self._F = lent or (Load(device, octree), Field(device, octree))
+        self.Q, self._F, room = lent or (Load(device, octree), Field(device, octree), Room(device))
         self.Q.whole.fill(0)
         self.moment = device.zeros((n_cut, 3))
         self.wall = device.zeros((n_cut, 3)) if medium.g else None
-        self.lost = device.zeros((n_cut, 3))
+        self.lost = room.empty((n_cut, 3))
+        self.lost.fill(0)
         self.incident = np.zeros(3)
         orders, cut_order = ray_order(octree)
-        self._orders, self._cut_order = [device.array(order) for order in orders], device.array(cut_order)
-        self._F_B = device.empty((n_cut, 3))
-        self._position = [level.lend_position(device) for level in octree.levels]
-        self._aperture = device.array(octree.cut.aperture)
+        self._F_B, self._aperture = room.empty((n_cut, 3)), room.array(octree.cut.aperture)
+        self._position = [room.array(level.position) for level in octree.levels]
+        self._orders, self._cut_order = [room.array(order) for order in orders], room.array(cut_order)
         self._body = (*octree.lend_body(), *extinction(device, octree, medium))
 
     @cached_property

@@ -61,14 +61,15 @@ class Buffer:
         if host.size:
             cl.enqueue_copy(self.device.queue, self.data, host)
 
-    def fill(self, value: float, first: int = 0) -> None:
-        """Set every element from row `first` on."""
+    def fill(self, value: float, first: int = 0, end: int | None = None) -> None:
+        """Set every element from row `first` on, to before row `end`."""
         import pyopencl as cl
 
-        start = first * self.nbytes // max(1, self.shape[0])
-        if self.nbytes > start:
-            pattern, left = self.dtype.type(value), self.nbytes - start
-            self.device.enqueue(lambda queue: cl.enqueue_fill_buffer(queue, self.data, pattern, start, left))
+        row, end = self.nbytes // max(1, self.shape[0]), self.shape[0] if end is None else end
+        start, stop = first * row, end * row
+        if stop > start:
+            pattern, size = self.dtype.type(value), stop - start
+            self.device.enqueue(lambda queue: cl.enqueue_fill_buffer(queue, self.data, pattern, start, size))
 
     def copy_from(self, other: Buffer) -> None:
         """Copy the contents of another buffer of the same size, on the device."""

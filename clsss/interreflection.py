@@ -43,8 +43,9 @@ class PatchCoupling:
     op : Operator
     exchange : Exchange
     e : Field
-        The correction of those V-cycles: lent where it is not wanted, the finest level's red cells while coarser ones
-        are solved, coarser levels while residuals are taken.
+        The correction of those V-cycles: its finest level's red cells are lent while coarser ones are solved.
+    room : Room
+        Memory lent while residuals are taken.
 
     Attributes
     ----------
@@ -58,7 +59,7 @@ class PatchCoupling:
         How many there are, and how many were traced.
     """
 
-    def __init__(self, device: Device, op: Operator, exchange: Exchange, e: Field):
+    def __init__(self, device: Device, op: Operator, exchange: Exchange, e: Field, room: Room):
         self.device, self.op, self._gain = device, op, exchange.gain
         self.patches, self.rays = exchange.share.shape[0], exchange.rays
         levels, boundary = op.octree.levels, Boundary(op)
@@ -77,12 +78,12 @@ class PatchCoupling:
         self._share_above = SparseMatrix(device, above[-1].share)
         p = exchange.share.shape[0]
         self.B, self.change = device.zeros((p, 3)), device.zeros((p, 3))
-        self._came_in = Room(device, e.whole, 0, e.start[-1]).empty((p, 3))
-        room = Room(device, e.whole, e.start[-1], e.start[-1] + op.octree.finest.colour_start[1])
-        self._entered, self._steady, self._more = (room.empty((p, 3)) for _ in range(3))
+        self.room, self._came_in = room, room.empty((p, 3))
+        red = Room(device, (e.whole, e.start[-2], e.start[-2] + op.octree.finest.colour_start[1]))
+        self._entered, self._steady, self._more = (red.empty((p, 3)) for _ in range(3))
         # what solving `level` changes of right-hand sides: at its cells over cut ones, at leaves next to finer cells
         cells = [*(level.interface for level in levels[: self.level]), self._above[self.level][0]]
-        self._changed = [(k, at, room.empty((at.shape[0], 3))) for k, at in enumerate(cells) if at.shape[0]]
+        self._changed = [(k, at, red.empty((at.shape[0], 3))) for k, at in enumerate(cells) if at.shape[0]]
         self._take, self._put, self._leave, self._enter, self._subtract, self._add, self._advance = (
             device.kernel("passage", name)
             for name in ("take_rows", "put_rows", "leave", "enter", "subtract_scaled", "add_rows", "advance")
@@ -189,7 +190,7 @@ class Interreflection:
 
     def __init__(self, coupling: PatchCoupling, residual: Residual, source: Source, phi: Field):
         self.coupling, self.residual, self.r_B = coupling, residual, source.moment
-        self._phi, self._phi_B = phi, coupling.device.empty((residual.op.octree.cut.n, 3))
+        self._phi, self._phi_B = phi, coupling.room.rest().empty((residual.op.octree.cut.n, 3))
         coupling.B.fill(0)
         self._update = self._captured_update(None)
 

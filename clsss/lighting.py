@@ -58,7 +58,8 @@ class Setup:
         """The exchange on the device; the host needs it no longer."""
         if not self.exchange:
             return None
-        coupling = PatchCoupling(self.device, self.multigrid.op, self.exchange, self.multigrid.e)
+        mg = self.multigrid
+        coupling = PatchCoupling(self.device, mg.op, self.exchange, mg.e, mg.room)
         self.exchange = None
         give_back()
         return coupling
@@ -111,7 +112,7 @@ class Fluence:
     def copy(self, device: Device, octree: Octree, scale: float | np.ndarray = 1.0) -> Field:
         """A copy on the device of what is on the host, times `scale` by channels; ghosts are zero."""
         field = Field(device, octree)
-        for start, values in zip(field.start, self._kept, strict=True):
+        for start, values in zip(field.start[:-1], self._kept, strict=True):
             for first in range(0, len(values), CHUNK):
                 part = values[first : first + CHUNK] * np.asarray(scale, values.dtype)
                 field.whole.rows(start + first, len(part)).set(channels(part))
@@ -179,10 +180,10 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     device, octree, medium = setup.device, setup.octree, setup.medium
     unit = light_unit(list(lights), setup.mesh.size)
     setup.vacate()
-    with timed("source", seconds, tell):
+    with timed("source", seconds, tell), setup.multigrid.lent() as room:
         source = make_source(
             device, octree, medium, list(lights), unit, setup.shadows, lambda f: tell("source", f),
-            (setup.right_hand_side, setup.multigrid.e),
+            (setup.right_hand_side, setup.multigrid.e, room),
         )
     once: np.ndarray | None = None
     kept: Any = 0.0

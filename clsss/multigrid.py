@@ -9,7 +9,8 @@ are sums (coefficients.cl); the coarsest level is solved by its dense inverse.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from clsss.anderson import Anderson, Coupling, Follower
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, Load, Operator, PerLevel, channels
 from clsss.residual import Residual
+from clsss.room import Room
 from clsss.rounding import Held, rounding_gain
 from clsss.sums import inner_product
 
@@ -78,8 +80,9 @@ class Multigrid:
     def __init__(self, device: Device, op: Operator):
         self.device, self.op = device, op
         d = op.medium.defines
-        self.e, self.r = Field(device, op.octree), Load(device, op.octree)
-        self.residual = Residual(device, op, self.e[-1])  # no correction is wanted while a residual is taken
+        self.e, self.r = Field(device, op.octree, -(-9 * op.octree.cut.n // CHANNELS)), Load(device, op.octree)
+        self.room = Room(device, self.e.lent())  # no correction is wanted while a residual is taken
+        self.residual = Residual(device, op, self.room)
         self._smooth, self._from_zero = (device.kernel("smooth", name, *d) for name in ("smooth", "smooth_from_zero"))
         self._leave_residual = device.kernel("restrict", "leave_residual", *d)
         self._smooth_beyond = device.kernel("junction", "smooth_with_junctions", *d)
@@ -147,6 +150,12 @@ class Multigrid:
         m = coarse.covered.shape[0]
         run(self._restrict, m, m, coarse.covered, coarse.child, coarse.chain, self.e[k], self.r[k - 1])
 
+    @contextmanager
+    def lent(self) -> Iterator[Room]:
+        """Memory that is only needed while it solves, beside the correction's."""
+        yield Room(self.device, self.r.lent(), self.e.lent_beyond())
+        self.r.whole.fill(0)
+
     def v_cycle(self, k: int, coupling: Coupling | None = None, sweeps: int | None = None) -> None:
         """One V-cycle from level `k` down: `e` approximates the correction for the right-hand sides `r`.
 
@@ -160,7 +169,7 @@ class Multigrid:
             return
         fine, coarse = levels[k], levels[k - 1]
         _, black, end = fine.colour_start
-        self.e[k].fill(0, fine.n)
+        self.e.clear_from(k, fine.n)
         self.smooth(k, sweeps, from_zero=True)
         m = coarse.interface.shape[0]
         run(self._reflux, m, m, fine.n, coarse.interface, coarse.interface_start, fine.ghost_face,

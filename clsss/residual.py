@@ -14,6 +14,7 @@ import numpy as np
 from clsss.device import Buffer, Device
 from clsss.diffusion import Field, Load, Operator
 from clsss.octree import Octree
+from clsss.room import Room
 from clsss.sparsematrix import SparseMatrix
 
 
@@ -37,7 +38,7 @@ class Residual:
     ----------
     device : Device
     op : Operator
-    room : Buffer, optional
+    room : Room, optional
         Memory that nothing else needs while residuals and boundary values are taken.
 
     Attributes
@@ -48,11 +49,9 @@ class Residual:
         3 D q1 . n of the source at the boundary, which the gradients there need [W/mm^2]; None: there is no q1.
     """
 
-    def __init__(self, device: Device, op: Operator, room: Buffer | None = None):
+    def __init__(self, device: Device, op: Operator, room: Room | None = None):
         self.device, self.op = device, op
-        shape = (op.octree.cut.n, 3, 3)
-        fits = room is not None and 9 * shape[0] * device.real.itemsize <= room.nbytes
-        self.slope = Buffer(device, shape, device.real, room.data) if room and fits else device.empty(shape)
+        self.slope = (room or device).empty((op.octree.cut.n, 3, 3))
         self.wall: Buffer | None = None
         d = op.medium.defines
         self._average = device.kernel("restrict", "average", *d)

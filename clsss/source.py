@@ -21,6 +21,7 @@ from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree
 from clsss.rays import RayCaster
+from clsss.room import Room
 from clsss.sparsematrix import SparseMatrix
 from clsss.sums import total
 
@@ -100,7 +101,7 @@ def light_unit(lights: list[Any], size: float) -> float:
 
 def make_source(device: Device, octree: Octree, medium: Coefficients, lights: list[Any], unit: float,
                 blockers: RayCaster | None = None, progress: Callable[[float], None] | None = None,
-                lent: tuple[Load, Field] | None = None) -> Source:  # fmt: skip
+                lent: tuple[Load, Field, Room] | None = None) -> Source:  # fmt: skip
     """Deposit of all lights, in multiples of `unit` [W/mm^2].
 
     Parameters
@@ -113,8 +114,8 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         Opaque bodies in front of the lights.
     progress : callable, optional
         Called with the fraction done.
-    lent : tuple of Load and Field, optional
-        Where the right-hand side shall lie, and one to overwrite.
+    lent : tuple of Load, Field and Room, optional
+        Where the right-hand side shall lie, one to overwrite, and other memory.
 
     Returns
     -------

@@ -13,6 +13,7 @@ from clsss.interreflection import PatchCoupling
 from clsss.lights import DirectionalLight
 from clsss.materials import Material, material
 from clsss.mesh import Mesh, load_mesh
+from clsss.room import Room
 from clsss.simulate import simulate
 
 MARBLE = Material.from_reduced(sigma_a=(0.0021, 0.0041, 0.0071), sigma_s_prime=(2.19, 2.62, 3.0), eta=1.5)
@@ -61,8 +62,9 @@ def test_what_light_on_its_way_needs_is_lent_but_for_its_state(hollow):
     op, exchange, boundary = hollow
     device = op.irregular.device
     e = Field(device, op.octree)
+    room = Room(device, e.lent())
     before = device.allocated
-    coupling = PatchCoupling(device, op, exchange, e)
+    coupling = PatchCoupling(device, op, exchange, e, room)
     held, p = device.allocated - before, exchange.share.shape[0]
     above = boundary.above(exchange, 1)
     matrices = sum(4 * m.nnz + (4 + 8) * m.shape[0] + 8 for m in (exchange.blend, exchange.arriving, exchange.share))

@@ -18,7 +18,7 @@ def test_pieces_lie_apart_within_the_rows_lent(device):
     n, step = device.row_alignment, 3 * device.row_alignment
     whole = device.array(np.zeros((4 * step, 3)))
     before = device.allocated
-    room = Room(device, whole, step, 3 * step)
+    room = Room(device, (whole, step, 3 * step))
     pieces = [room.empty((n + 1, 3)) for _ in range(3)]
     assert device.allocated == before
     for value, piece in enumerate(pieces, 1):
@@ -34,7 +34,7 @@ def test_pieces_lie_apart_within_the_rows_lent(device):
 def test_what_does_not_fit_has_memory_of_its_own(device):
     whole = device.array(np.zeros((2 * device.row_alignment, 3)))
     before = device.allocated
-    piece = Room(device, whole, 0, device.row_alignment).empty((device.row_alignment + 1, 3))
+    piece = Room(device, (whole, 0, device.row_alignment)).empty((device.row_alignment + 1, 3))
     assert device.allocated - before == piece.nbytes
     piece.fill(1)
     assert not whole.get().any()
@@ -45,7 +45,7 @@ def test_solves_with_lent_memory_are_the_same(monkeypatch, resolution):
     """With one level finer than patches, and with two."""
     arguments = (flask(), MILK, [DirectionalLight((0.3, -1, 0.2))])
     lent = simulate(*arguments, resolution=resolution)
-    monkeypatch.setattr(Room, "empty", lambda self, shape: self.device.empty(shape))
+    monkeypatch.setattr(Room, "empty", lambda self, shape, dtype=None: self.device.empty(shape, dtype))
     own = simulate(*arguments, resolution=resolution)
     assert np.array_equal(lent.vertex_radiosity, own.vertex_radiosity)
     assert lent.report["memory_mb"]["device"] < own.report["memory_mb"]["device"]
