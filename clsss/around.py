@@ -50,5 +50,5 @@ def _list(device: Device, octree: Octree, far: Buffer | None) -> tuple[Around, b
     n, finest, too_far = octree.cut.n, octree.finest, device.zeros(1, np.int32)
     around = Around(finest.colour_start[1], finest.n, device.empty((n, ENTRIES), np.uint16), far)
     device.run(device.kernel("around", "list_around"), n, n, around.n_red, finest.n, *octree.lend_map(),
-               finest.lend_position(device), octree.cut.cell, around.near, far, too_far)  # fmt: skip
+               octree.lend_positions()[-1], octree.cut.cell, around.near, far, too_far)  # fmt: skip
     return around, bool(too_far.get()[0])

@@ -32,9 +32,9 @@ from clsss.sums import GROUP, sum_of_parts, tiles
 def ray_order(octree: Octree) -> tuple[list[np.ndarray], np.ndarray]:
     """Leaves of each level, and the cut cells, in an order in which neighbours' rays meet the same cells."""
     orders: list[np.ndarray] = []
-    for level in octree.levels[:-1]:
+    for level, ijk in zip(octree.levels[:-1], octree.positions(), strict=False):
         leaves = np.flatnonzero(level.leaf).astype(np.int32)
-        orders.append(leaves[np.argsort(morton(level.ijk[leaves]), kind="stable")])
+        orders.append(leaves[np.argsort(morton(ijk[leaves]), kind="stable")])
     orders.append(octree.leaf_map.finest_by_bricks())
     cut = octree.cut_index.get()[orders[-1]]
     return orders, cut[cut >= 0]
@@ -93,7 +93,7 @@ class Beams:
         self.incident = np.zeros(3)
         orders, cut_order = ray_order(octree)
         self._F_B, self._aperture = room.empty((n_cut, 3)), room.array(octree.cut.aperture)
-        self._position = [room.array(level.position) for level in octree.levels]
+        self._position = octree.lend_positions(room)
         self._orders, self._cut_order = [room.array(order) for order in orders], room.array(cut_order)
         self._body = (*octree.lend_body(), *extinction(device, octree, medium))
 
@@ -103,7 +103,7 @@ class Beams:
         octree, cut = self.octree, self.octree.cut
         normal = cut.normal.get()[:, :3].astype(float)
         size = np.linalg.norm(normal, axis=1, keepdims=True)
-        x_B = octree.finest.ijk[cut.cell.get()] + cut.boundary.get()[:, :3].astype(float)
+        x_B = octree.cut_positions() + cut.boundary.get()[:, :3].astype(float)
         inside = x_B - LINING * normal / np.where(size > 0, size, 1)
         return [*cell_points(octree), octree.grid.to_mm(inside)]
 

@@ -164,10 +164,10 @@ def channels(values: np.ndarray) -> np.ndarray:
 
 def cell_points(octree: Octree) -> list[np.ndarray]:
     """Centroids of the cells of each level (n, 3) [mm]."""
-    points = [octree.grid.to_mm((level.ijk + 0.5) * 2**level.depth) for level in octree.levels]
-    cut = octree.cut.cell.get()
-    local = octree.cut.centroid.get()[:, :3].astype(float)
-    points[-1][cut] = octree.grid.to_mm(octree.finest.ijk[cut] + local)
+    ijk, cut = octree.positions(), octree.cut.cell.get()
+    local = ijk[-1][cut] + octree.cut.centroid.get()[:, :3].astype(float)
+    points = [octree.grid.to_mm((p + 0.5) * 2**level.depth) for p, level in zip(ijk, octree.levels, strict=True)]
+    points[-1][cut] = octree.grid.to_mm(local)
     return points
 
 
@@ -245,10 +245,10 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
                    octree.levels[k + 1].nbr, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
     kernel = device.kernel("interpolation", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
-    for level, t in zip(octree.levels[1:], T[1:], strict=True):
+    for level, ijk, t in zip(octree.levels[1:], octree.positions()[1:], T[1:], strict=True):
         first, n = level.colour_start[1], level.n - level.colour_start[1]
         weight.append(device.empty((n, 4), np.uint8))
-        octant = device.array(octants(level.ijk[first:]))
+        octant = device.array(octants(ijk[first:]))
         device.run(kernel, n, first, n, level.n, octant, level.nbr, t, weight[-1])
     share = _shares(device, octree, medium, T)
     kept: list[tuple[Kept, Kept]] = []

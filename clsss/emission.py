@@ -45,24 +45,24 @@ def cell_emission(octree: Octree, density: Density) -> list[np.ndarray]:
         Times the cells' volumes, what they receive [W/mm^3].
     """
     emitted = []
-    for level, points in zip(octree.levels, cell_points(octree), strict=True):
+    for level, ijk, points in zip(octree.levels, octree.positions(), cell_points(octree), strict=True):
         leaf, values = np.flatnonzero(level.leaf), np.zeros((level.n, 3))
         values[leaf] = density(points[leaf])
         jumps = _jumps(level, points, values, density)
         if len(jumps):
-            _integrate(octree, level, _with_neighbours(level, jumps), values, density)
+            _integrate(octree, level, ijk, _with_neighbours(level, jumps), values, density)
         emitted.append(values)
     return emitted
 
 
 def _jumps(level: Level, points: np.ndarray, values: np.ndarray, density: Density) -> np.ndarray:
     """Leaves (m,) between which emission is no straight line, nor half way, and those about them in which it bends."""
-    nbr, links, peak = level.nbr.get(), [], 0.0
+    nbr, leaf, links, peak = level.nbr.get(), level.leaf, [], 0.0
     for axis in range(3):
         low, high = np.arange(level.n), nbr[:, 2 * axis + 1]
-        there = (high < level.n) & (high != low) & level.leaf
+        there = (high < level.n) & (high != low) & leaf
         low, high = low[there], high[there]
-        low, high = low[level.leaf[high]], high[level.leaf[high]]
+        low, high = low[leaf[high]], high[leaf[high]]
         middle = density((points[low] + points[high]) / 2)
         most = np.maximum(np.maximum(values[low], values[high]), middle)
         bent = (_bend(values[low], middle, values[high]) > BEND * most).any(axis=1)
@@ -91,15 +91,16 @@ def _bend(first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndarray
 
 def _with_neighbours(level: Level, cells: np.ndarray) -> np.ndarray:
     """Leaves (m,) and those around them, diagonals included, ascending."""
-    nbr = level.nbr.get()
+    nbr, leaf = level.nbr.get(), level.leaf
     for axis in range(3):
         beyond = nbr[cells, 2 * axis : 2 * axis + 2].ravel()
         beyond = beyond[beyond < level.n]
-        cells = np.unique(np.concatenate([cells, beyond[level.leaf[beyond]]]))
+        cells = np.unique(np.concatenate([cells, beyond[leaf[beyond]]]))
     return cells
 
 
-def _integrate(octree: Octree, level: Level, near: np.ndarray, values: np.ndarray, density: Density) -> None:
+def _integrate(octree: Octree, level: Level, ijk: np.ndarray, near: np.ndarray, values: np.ndarray,
+               density: Density) -> None:  # fmt: skip
     """Replace `values` of the cells `near` a change of the emission, and of those around, by integrals."""
     n = int(np.clip(np.cbrt(PER_LEAF * octree.n_leaves / len(near)), FEWEST, MOST))
     at = (np.arange(n) + 0.5) / n - 0.5
@@ -113,14 +114,14 @@ def _integrate(octree: Octree, level: Level, near: np.ndarray, values: np.ndarra
     row, per_call = np.searchsorted(around, full), max(1, AT_ONCE // n**3)
     for start in range(0, len(full), per_call):
         some = slice(start, start + per_call)
-        points = octree.grid.to_mm((level.ijk[full[some], None, None, None] + parts) * 2**level.depth)
+        points = octree.grid.to_mm((ijk[full[some], None, None, None] + parts) * 2**level.depth)
         found = density(points.reshape(-1, 3)).reshape(points.shape)
         for _ in range(3):  # the axis that is done goes to the end
             found = np.einsum("mxyzc,sx->myzsc", found, weight)
         given[row[some]] = found
-    _average(octree, near[cut_index[near] >= 0], cut_index, parts.reshape(-1, 3), values, density)
+    _average(octree, ijk, near[cut_index[near] >= 0], cut_index, parts.reshape(-1, 3), values, density)
     if len(around):
-        values[around] = _gathered(level.ijk[around], given)
+        values[around] = _gathered(ijk[around], given)
 
 
 def _gathered(ijk: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -140,8 +141,8 @@ def _gathered(ijk: np.ndarray, given: np.ndarray) -> np.ndarray:
     return out
 
 
-def _average(octree: Octree, cells: np.ndarray, cut_index: np.ndarray, parts: np.ndarray, values: np.ndarray,
-             density: Density) -> None:  # fmt: skip
+def _average(octree: Octree, ijk: np.ndarray, cells: np.ndarray, cut_index: np.ndarray, parts: np.ndarray,
+             values: np.ndarray, density: Density) -> None:  # fmt: skip
     """Replace `values` of cut cells by means over the parts on the inner side of their boundary, if there are any."""
     x_B, normal = (part.get()[:, :3].astype(float) for part in (octree.cut.boundary, octree.cut.normal))
     per_call = max(1, AT_ONCE // len(parts))
@@ -149,7 +150,7 @@ def _average(octree: Octree, cells: np.ndarray, cut_index: np.ndarray, parts: np
         some = cells[start : start + per_call]
         m = cut_index[some]
         cell, part = np.nonzero(np.einsum("mpa,ma->mp", parts - x_B[m, None], normal[m]) < 0)
-        found = density(octree.grid.to_mm(octree.finest.ijk[some[cell]] + parts[part]))
+        found = density(octree.grid.to_mm(ijk[some[cell]] + parts[part]))
         sums = np.stack([np.bincount(cell, channel, len(some)) for channel in found.T], axis=1)
         count = np.bincount(cell, minlength=len(some))[:, None]
         values[some] = np.where(count, sums / np.maximum(count, 1), values[some])

@@ -93,7 +93,7 @@ def patch_depth(octree: Octree) -> int:
 def _patches(octree: Octree, normals: np.ndarray, areas: np.ndarray) -> tuple[np.ndarray, sparse.csr_matrix]:
     """Cut cells of one ancestor whose normals share their main axis, and their area-weighted mean."""
     depth = patch_depth(octree)
-    coarse = octree.finest.position[octree.cut.cell.get()].astype(np.int64) >> depth
+    coarse = octree.cut_positions().astype(np.int64) >> depth
     axis = np.abs(normals).argmax(axis=1)
     side = normals[np.arange(len(normals)), axis] > 0
     dims = np.array(octree.grid.dims) // 2**depth + 1

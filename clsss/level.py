@@ -25,10 +25,6 @@ class Level:
         Width [mm].
     depth : int
         How many levels above the finest.
-    position : (n, 3) uint16
-        In widths of this level.
-    leaf : (n,) bool
-        Whether no finer cells replace it.
     colour_start : (3,) int
         First red, first black, end.
     nbr : (n, 6) int32, device
@@ -61,8 +57,6 @@ class Level:
 
     h: float
     depth: int
-    position: np.ndarray
-    leaf: np.ndarray
     colour_start: tuple[int, int, int]
     nbr: Buffer
     parent: Buffer | None
@@ -82,16 +76,12 @@ class Level:
     @property
     def n(self) -> int:
         """Number of cells."""
-        return len(self.position)
+        return self.colour_start[2]
 
     @property
-    def ijk(self) -> np.ndarray:
-        """`position` as int32, to reckon with."""
-        return self.position.astype(np.int32)
-
-    def lend_position(self, device: Device) -> Buffer:
-        """`position` as kernels take it, on the device for as long as that is held."""
-        return device.array(self.position)
+    def leaf(self) -> np.ndarray:
+        """Whether no finer cells replace each one (n,)."""
+        return self.is_leaf.get().astype(bool) if self.child else np.ones(self.n, bool)
 
 
 def octants(ijk: np.ndarray) -> np.ndarray:
@@ -119,9 +109,8 @@ def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np
     flat[slot] = n + len(face) + np.arange(len(slot), dtype=np.int32)
     covered = np.flatnonzero(~cells.leaf).astype(np.int32)
     child, chain = first_children(*finer, n) if finer else (None, np.empty((0, 2), np.int32))
-    level = Level(grid.h * 2**depth, depth, cells.ijk.astype(np.uint16), cells.leaf, cells.colour_start,
-                  device.array(cells.nbr), to_parent, device.array(covered),
-                  None if child is None else device.array(child[covered]), device.array(chain),
+    level = Level(grid.h * 2**depth, depth, cells.colour_start, device.array(cells.nbr), to_parent,
+                  device.array(covered), None if child is None else device.array(child[covered]), device.array(chain),
                   device.array(cells.leaf.astype(np.uint8) if finer else np.empty(0, np.uint8)), len(face),
                   device.array(face), device.array(octants(cells.ijk[face // 6])), device.empty(0, np.int32),
                   device.empty(0, np.int32),

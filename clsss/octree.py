@@ -20,6 +20,7 @@ from clsss.device import Buffer, Device
 from clsss.leafmap import LeafMap, clearance_map
 from clsss.level import Level, make_levels
 from clsss.refinement import Refine, pool, split_masks, spread
+from clsss.room import Room
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,8 @@ class Octree:
 
     Attributes
     ----------
+    coarsest : (n, 3) uint16, on the host
+        Where the cells of the coarsest level are, in its widths; where others are follows from `Level.child`.
     cut_index : (n,) int32, device
         For each finest cell its place among `cut`, or -1 where it is full.
     leaf_map : LeafMap
@@ -39,6 +42,7 @@ class Octree:
 
     grid: Grid
     levels: tuple[Level, ...]
+    coarsest: np.ndarray
     cut: CutCells
     cut_index: Buffer
     leaf_map: LeafMap
@@ -55,6 +59,24 @@ class Octree:
     def device(self) -> Device:
         """Where its arrays are."""
         return self.cut_index.device
+
+    def lend_positions(self, room: Room | None = None) -> list[Buffer]:
+        """Where cells (n, 3) of each level are, in its widths, uint16 on the device (in `room`) while that is held."""
+        room, kernel = room or Room(self.device), self.device.kernel("octree", "place_children")
+        found = [room.array(self.coarsest)]
+        for coarse, fine in zip(self.levels, self.levels[1:], strict=False):
+            found.append(room.empty((fine.n, 3), np.uint16))
+            m = coarse.covered.shape[0]
+            self.device.run(kernel, m, m, coarse.covered, coarse.child, coarse.chain, *found[-2:])
+        return found
+
+    def positions(self) -> list[np.ndarray]:
+        """The same on the host, int32 to reckon with."""
+        return [position.get().astype(np.int32) for position in self.lend_positions()]
+
+    def cut_positions(self) -> np.ndarray:
+        """Where the cut cells are (n_cut, 3) int32 in the finest grid."""
+        return self.lend_positions()[-1].get()[self.cut.cell.get()].astype(np.int32)
 
     def lend_map(self) -> tuple[Any, ...]:
         """The leaf map as kernels take it (tree.h), on the device for as long as that is held: no solve needs it."""
@@ -100,7 +122,7 @@ class Octree:
     @property
     def n_leaves(self) -> int:
         """Cells that no finer ones replace."""
-        return sum(int(level.leaf.sum()) for level in self.levels)
+        return self.n_cells - sum(level.covered.shape[0] for level in self.levels)
 
 
 def _find_coarser(cells: Cells, coarser: Cells) -> None:
@@ -159,8 +181,9 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
         coarse, parent = coarsen_further(cells[0])
         cells.insert(0, coarse)
         parents.insert(0, parent)
+    coarsest = cells[0].ijk.astype(np.uint16)
     levels = make_levels(device, grid, cells, parents)
-    return Octree(grid, levels, cut, cut_index, leaf_map, near, clearance, samples.thickness)
+    return Octree(grid, levels, coarsest, cut, cut_index, leaf_map, near, clearance, samples.thickness)
 
 
 def _place_cells(has: list[np.ndarray], split: list[np.ndarray]) -> tuple[list[Any], list[Any], list[Any], np.ndarray]:

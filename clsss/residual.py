@@ -25,7 +25,7 @@ def _centred(device: Device, octree: Octree) -> list[Buffer]:
     for level in octree.levels[-2::-1]:
         assert level.child is not None
         child = level.child.get()
-        below, whole = whole, level.leaf.copy()
+        below, whole = whole, level.leaf
         whole[level.covered.get()] = ((child >= 0) & below[child]).all(axis=1)
         found.insert(0, device.array(whole.astype(np.uint8)))
     return found

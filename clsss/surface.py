@@ -32,7 +32,7 @@ def boundary_normals(octree: Octree) -> np.ndarray:
 def boundary_points(octree: Octree) -> tuple[np.ndarray, np.ndarray]:
     """Boundary centroids (n_cut, 3) [mm] and unit outward normals (n_cut, 3) of the cut cells."""
     cut = octree.cut
-    points = octree.grid.to_mm(octree.finest.position[cut.cell.get()] + cut.boundary.get()[:, :3].astype(float))
+    points = octree.grid.to_mm(octree.cut_positions() + cut.boundary.get()[:, :3].astype(float))
     return points, boundary_normals(octree)
 
 

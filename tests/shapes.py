@@ -103,9 +103,9 @@ def build_tree(device: Device, mesh: Mesh, resolution: int, refine: Refine | Non
     return octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), refine)
 
 
-def is_split(level: Level) -> bool:
-    """Whether several cells of a level lie in one place."""
-    return len(np.unique(level.ijk, axis=0)) < level.n
+def is_split(ijk: np.ndarray) -> bool:
+    """Whether several cells of a level, at (n, 3), lie in one place."""
+    return len(np.unique(ijk, axis=0)) < len(ijk)
 
 
 def links(level: Level) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -45,7 +45,7 @@ def decoded(around, cell):
 @pytest.mark.parametrize("listed", [list_around, with_far], ids=["near", "far"])
 def test_cells_are_those_in_their_places(single, make, listed):
     tree = build_tree(single, make(), 32)
-    cell, ijk = tree.cut.cell.get().astype(np.int64), tree.finest.ijk
+    cell, ijk = tree.cut.cell.get().astype(np.int64), tree.positions()[-1]
     index = np.full(tree.grid.dims, -1)
     index[tuple(ijk.T)] = np.arange(len(ijk))
     z, y, x = np.meshgrid(*3 * [[-1, 0, 1]], indexing="ij")

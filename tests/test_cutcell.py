@@ -109,10 +109,10 @@ def test_centroids_of_faces_are_those_of_the_plane(double):
     tree = build_tree(double, box((14.0, 14.0, 14.0), ROTATION), 16, refine=None)
     cut, nbr = tree.cut, tree.finest.nbr.get()
     n, cell, cut_index = ROTATION[:, 2], tree.cut.cell.get(), tree.cut_index.get()
-    local = tree.finest.ijk[cell] + 0.5
+    local = tree.cut_positions() + 0.5
     points = tree.grid.to_mm(local)
     flat = (np.abs(points @ ROTATION[:, :2]) < 4).all(axis=1) & (points @ n > 0)
-    depth = (7 - tree.grid.to_mm(tree.finest.ijk[cell]) @ n) / tree.grid.h  # of the lower corner under the plane
+    depth = (7 - tree.grid.to_mm(tree.cut_positions()) @ n) / tree.grid.h  # of the lower corner under the plane
     seen = 0
     for axis in range(3):
         u, w = (k for k in range(3) if k != axis)

@@ -210,7 +210,7 @@ class Dense:
     """The scheme written down with numpy, cell by cell, for a solid all of whose cells are on the finest level."""
 
     def __init__(self, tree, medium):
-        self.h, self.ijk, self.A = tree.grid.h, tree.finest.ijk, fresnel_A(medium.eta)
+        self.h, self.ijk, self.A = tree.grid.h, tree.positions()[-1], fresnel_A(medium.eta)
         self.index = {tuple(p): i for i, p in enumerate(self.ijk)}
         n, cut = len(self.ijk), tree.cut.cell.get()
         self.centroid, self.kappa = np.full((n, 3), 0.5), np.ones(n)

@@ -133,8 +133,9 @@ def prolonged(mg, k, values):
 def test_prolongation_weights_are_of_resistances(double, make):
     """w = r / (r + R): r halfway to the sibling, R to the middle of the coarse cell beyond, as if where faces miss."""
     mg = multigrid_for(double, make(), Lumps(), 24)
+    positions = mg.op.octree.positions()
     for k, level in enumerate(mg.op.octree.levels[1:], 1):
-        n, nbr, up = level.n, level.nbr.get(), level.ijk & 1
+        n, nbr, up = level.n, level.nbr.get(), positions[k] & 1
         T = mg.op.T[k].get().reshape(n, 6, -1)[..., :3].mean(axis=2)
         expected = np.zeros((n, 3))
         for d in range(3):
@@ -163,17 +164,17 @@ def test_prolongation_keeps_linear_fields_inside(double):
     """Where a cell's neighbours and theirs are full, the weights are those of linear interpolation."""
     small = multigrid_for(double, sphere(), MATERIAL, 40, refine=None)
     tree = small.op.octree
-    coarse, fine = tree.levels[-2], tree.finest
+    (coarse, fine), level = tree.positions()[-2:], tree.finest
     slope = np.array([1.0, -2.0, 0.5])
-    values = np.repeat(((coarse.ijk + 0.5) * 2 @ slope)[:, None], 4, axis=1)
-    black = fine.colour_start[1]
-    error = prolonged(small, len(tree.levels) - 1, values)[:, 0] - (fine.ijk[black:] + 0.5) @ slope
-    nbr, near = fine.nbr.get(), np.zeros(fine.n + fine.n_ghost, bool)
-    near[fine.n :] = near[tree.cut.cell.get()] = True
+    values = np.repeat(((coarse + 0.5) * 2 @ slope)[:, None], 4, axis=1)
+    black = level.colour_start[1]
+    error = prolonged(small, len(tree.levels) - 1, values)[:, 0] - (fine[black:] + 0.5) @ slope
+    nbr, near = level.nbr.get(), np.zeros(level.n + level.n_ghost, bool)
+    near[level.n :] = near[tree.cut.cell.get()] = True
     for _ in range(4):
-        near[: fine.n] |= near[nbr].any(axis=1)
-    assert (~near[black : fine.n]).sum() > 20
-    np.testing.assert_allclose(error[~near[black : fine.n]], 0, atol=1e-12)
+        near[: level.n] |= near[nbr].any(axis=1)
+    assert (~near[black : level.n]).sum() > 20
+    np.testing.assert_allclose(error[~near[black : level.n]], 0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("make", "depth"), [(partial(sphere, subdivisions=3), 0), (pulley, 1), (pulley, 2)])
@@ -357,8 +358,8 @@ def test_parts_of_one_body_that_nearly_touch_converge(double, medium):
 def test_coarsest_level_is_solved_exactly(double):
     """Also where its blocks are split."""
     mg = multigrid_for(double, pulley(gap=2.0), MATERIAL, 12)
-    level, T = mg.op.octree.levels[0], two_point_rows(mg, 0)
-    assert is_split(level)
+    T = two_point_rows(mg, 0)
+    assert is_split(mg.op.octree.coarsest)
     b = np.random.default_rng(5).normal(size=mg.r[0].shape)
     mg.r[0].set(b)
     mg.v_cycle(0)

@@ -61,9 +61,9 @@ def tree(single, request):
 def leaf_depths(tree):
     """Depth of the leaf that covers each cell of the finest grid (x, y, z), -1 where there is none."""
     out = np.full(tree.grid.dims, -1, np.int8)
-    for level in tree.levels:
+    for level, ijk in zip(tree.levels, tree.positions(), strict=True):
         width = 1 << level.depth
-        for x, y, z in level.ijk[level.leaf] * width:
+        for x, y, z in ijk[level.leaf] * width:
             part = out[x : x + width, y : y + width, z : z + width]
             assert (part == -1).all(), "leaves overlap"
             part[...] = level.depth
@@ -79,9 +79,9 @@ def test_neighbouring_leaves_differ_by_one_level_at_most(tree):
 
 
 def test_every_leaf_is_found_at_its_centre(tree):
-    for level in tree.levels:
+    for level, ijk in zip(tree.levels, tree.positions(), strict=True):
         leaves = np.flatnonzero(level.leaf)
-        centre = tree.grid.to_mm((level.ijk[leaves] + 0.5) * 2**level.depth)
+        centre = tree.grid.to_mm((ijk[leaves] + 0.5) * 2**level.depth)
         depth, index = tree.find(centre)
         assert (depth == level.depth).all()
         np.testing.assert_array_equal(index, leaves)
@@ -96,21 +96,23 @@ def test_nothing_is_found_outside(tree):
 
 
 def test_parents_and_children_are_inverse(tree):
-    for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
+    positions = tree.positions()
+    for k, (coarse, fine) in enumerate(zip(tree.levels[:-1], tree.levels[1:], strict=True)):
         parent, (cell, octant, child) = fine.parent.get()[: fine.n], children(coarse)
-        np.testing.assert_array_equal(coarse.ijk[parent], fine.ijk >> 1)
+        np.testing.assert_array_equal(positions[k][parent], positions[k + 1] >> 1)
         np.testing.assert_array_equal(np.sort(child), np.arange(fine.n))
         np.testing.assert_array_equal(parent[child], cell)
-        np.testing.assert_array_equal((fine.ijk[child] & 1) @ [1, 2, 4], octant)
+        np.testing.assert_array_equal((positions[k + 1][child] & 1) @ [1, 2, 4], octant)
         np.testing.assert_array_equal(np.bincount(cell, minlength=coarse.n) > 0, ~coarse.leaf)
     assert tree.levels[0].parent is None
     assert tree.finest.leaf.all()
 
 
 def test_neighbours_lie_where_they_should(tree):
-    for k, level in enumerate(tree.levels):
+    positions = tree.positions()
+    for k, (level, ijk) in enumerate(zip(tree.levels, positions, strict=True)):
         cell, face, beyond, _ = links(level)
-        np.testing.assert_array_equal(level.ijk[beyond], level.ijk[cell] + STEPS[face])
+        np.testing.assert_array_equal(ijk[beyond], ijk[cell] + STEPS[face])
         there = set(zip(cell, face, beyond, strict=True))
         assert there == set(zip(beyond, face ^ 1, cell, strict=True))
         assert len(there) == len(cell)
@@ -120,14 +122,13 @@ def test_neighbours_lie_where_they_should(tree):
             ghost = (j >= level.n) & (j < level.n + level.n_ghost)
             beyond = level.parent.get()[j[ghost]] if ghost.any() else own[:0]
             if ghost.any():
-                coarse = tree.levels[k - 1]
-                np.testing.assert_array_equal(coarse.ijk[beyond], (level.ijk[ghost] + step) >> 1)
+                np.testing.assert_array_equal(positions[k - 1][beyond], (ijk[ghost] + step) >> 1)
 
 
 def test_coarse_cells_are_the_connected_parts_of_their_blocks(tree):
-    for coarse, fine in zip(tree.levels[:-1], tree.levels[1:], strict=True):
+    for coarse, fine, ijk in zip(tree.levels[:-1], tree.levels[1:], tree.positions()[1:], strict=True):
         parent, (cell, _, beyond, _) = fine.parent.get()[: fine.n], links(fine)
-        inside = (fine.ijk[cell] >> 1 == fine.ijk[beyond] >> 1).all(axis=1)
+        inside = (ijk[cell] >> 1 == ijk[beyond] >> 1).all(axis=1)
         edges = sparse.coo_matrix((np.ones(inside.sum()), (cell[inside], beyond[inside])), shape=(fine.n, fine.n))
         n, part = csgraph.connected_components(edges, directed=False)
         assert n == (~coarse.leaf).sum() == len(np.unique(np.stack([part, parent]), axis=1).T)
@@ -144,18 +145,18 @@ def test_coarse_neighbours_are_those_behind_open_finer_faces(tree):
 
 
 def test_only_bodies_that_come_close_split_blocks(single):
-    assert not any(is_split(level) for level in build_tree(single, sphere(), 48).levels)
+    assert not any(map(is_split, build_tree(single, sphere(), 48).positions()))
     for make in (stack, pulley):
         tree = build_tree(single, make(), 48)
-        assert any(is_split(level) for level in tree.levels)
-        assert not is_split(tree.finest)
+        assert any(map(is_split, tree.positions()))
+        assert not is_split(tree.positions()[-1])
     assert any(level.junction_face.shape[0] for level in tree.levels)
     assert any(level.chain.shape[0] for level in tree.levels)
 
 
 def test_levels_go_on_where_splitting_leaves_many_cells(single):
     tree = build_tree(single, stack(), 96)
-    assert max(np.ptp(tree.levels[1].ijk, axis=0)) < 4
+    assert max(np.ptp(tree.positions()[1], axis=0)) < 4
     assert tree.levels[1].n > DENSE >= tree.levels[0].n
     test_coarse_cells_are_the_connected_parts_of_their_blocks(tree)
     test_coarse_neighbours_are_those_behind_open_finer_faces(tree)
@@ -205,18 +206,18 @@ def test_no_neighbours_share_a_colour(tree):
 
 
 def test_cells_of_one_colour_are_in_order(tree):
-    for level in tree.levels:
+    for level, ijk in zip(tree.levels, tree.positions(), strict=True):
         for first, end in zip(level.colour_start[:-1], level.colour_start[1:], strict=True):
-            x, y, z = level.ijk[first:end].T.astype(np.int64)
+            x, y, z = ijk[first:end].T.astype(np.int64)
             key = (z << 40) + (y << 20) + x
             assert (np.diff(key) >= 0).all()
-            assert is_split(level) or (np.diff(key) > 0).all()
+            assert is_split(ijk) or (np.diff(key) > 0).all()
 
 
 def test_cut_cells_and_all_around_them_are_finest(tree):
     depth = leaf_depths(tree)
     near = np.zeros(depth.shape, bool)
-    near[tuple(tree.finest.ijk[tree.cut.cell.get()].T)] = True
+    near[tuple(tree.cut_positions().T)] = True
     near = ndimage.binary_dilation(near, np.ones((3, 3, 3)))
     assert depth[near].max() <= 0
 
@@ -295,8 +296,8 @@ def test_coarsest_level_is_small(tree):
 
 
 def test_points_are_inside_their_cells(tree):
-    for points, level in zip(diffusion.cell_points(tree), tree.levels, strict=True):
-        local = tree.grid.to_cells(points) / 2**level.depth - level.ijk
+    for points, level, ijk in zip(diffusion.cell_points(tree), tree.levels, tree.positions(), strict=True):
+        local = tree.grid.to_cells(points) / 2**level.depth - ijk
         assert -1e-5 <= local.min() <= local.max() <= 1 + 1e-5
 
 
