@@ -53,6 +53,7 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = add("bake", bake, "simulate a mesh and save its vertex colours", LIGHT_HELP)
     add_shared(sub)
+    add_camera(sub)
     add_output(sub)
     sub = add("compare", compare, "compare a bake with the dipole and with Monte Carlo", LIGHT_HELP)
     add_shared(sub)

@@ -193,10 +193,10 @@ def add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def parse(parser: argparse.ArgumentParser, argv: list[str] | None) -> argparse.Namespace:
-    """Parse, taking values such as ``-30,15`` for what they are; argparse alone takes them for options."""
+    """Parse, taking values such as ``-30,15`` and ``-5mm`` for what they are; argparse takes them for options."""
     words: list[str] = []
     for word in sys.argv[1:] if argv is None else argv:
-        if words and re.fullmatch(r"--[a-z-]+", words[-1]) and re.match(r"-[0-9.][^=]*,", word):
+        if words and re.fullmatch(r"--[a-z-]+", words[-1]) and re.match(r"-[0-9.]", word):
             words[-1] += f"={word}"
         else:
             words.append(word)

@@ -55,7 +55,7 @@ def check(args: argparse.Namespace) -> None:
 
 
 def _check_files(args: argparse.Namespace) -> None:
-    """Files that are read can be, and none of them is written over."""
+    """Files that are read can be, and none of them is written over; but a scene may be, by what it becomes."""
     mesh = None if _is_demo(args) else args.mesh
     materials = (args.material, *(args.mix or ())[:1], *(args.vertex_colours or ()))
     own = (name for name in materials if name and name.lower().endswith(_MATERIAL_SUFFIX))
@@ -65,10 +65,14 @@ def _check_files(args: argparse.Namespace) -> None:
             raise InputError(f"{path}: there is no such file")
         if not os.access(path, os.R_OK):
             raise InputError(f"{path}: no permission to read it")
-    for path in filter(None, (vars(args).get(key) for key in _OUTPUTS)):
-        if Path(path).resolve() in {Path(other).resolve() for other in files}:
-            raise InputError(f"{path}: is read and would be written over; give what is written a name of its own")
-        files.append(path)
+    read, written = {Path(path).resolve() for path in files}, set()
+    for key in filter(vars(args).get, _OUTPUTS):
+        name, place = getattr(args, key), Path(getattr(args, key)).resolve()
+        if place in read or (args.scene and key != "save_scene" and place == Path(args.scene).resolve()):
+            raise InputError(f"{name}: is read and would be written over; give what is written a name of its own")
+        if place in written:
+            raise InputError(f"{name}: would be written over by a second output; give each a name of its own")
+        written.add(place)
 
 
 def _is_demo(args: argparse.Namespace) -> bool:

@@ -53,7 +53,7 @@ def parse(parser: argparse.ArgumentParser, argv: list[str] | None) -> argparse.N
     args = parse_words(parser, argv)
     if "mesh" not in args:
         return args
-    scene = args.mesh if args.mesh.lower().endswith(SUFFIX) else ""
+    args.scene = scene = args.mesh if args.mesh.lower().endswith(SUFFIX) else ""
     values = read(scene) if scene else {}
     if any(getattr(args, key, None) is not None for key in _MEDIA):
         values = {key: value for key, value in values.items() if key not in _MEDIUM_KEYS}

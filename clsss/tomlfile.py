@@ -29,7 +29,7 @@ def read(path: str | Path, keys: Collection[str]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        The file cannot be read, is no TOML, or has another key; the message names the nearest one.
+        The file cannot be read, is no TOML, or has another key; the message names one like it, or all.
     """
     try:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -39,6 +39,7 @@ def read(path: str | Path, keys: Collection[str]) -> dict[str, Any]:
         raise InputError(f"{path}: is no TOML file: {error}") from error
     for key in table:
         if key not in keys:
-            (near,) = difflib.get_close_matches(key, keys, 1, cutoff=0)
-            raise InputError(f"{path}: unknown key {key!r}; did you mean {near!r}?")
+            near = difflib.get_close_matches(key, keys, 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(keys)}"
+            raise InputError(f"{path}: unknown key {key!r}; {hint}")
     return table

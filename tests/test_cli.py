@@ -184,6 +184,12 @@ def test_values_may_begin_with_a_minus_sign():
     assert parsed("--exposure", "-1").exposure == -1
 
 
+def test_a_length_below_zero_is_told_as_one(capsys):
+    with pytest.raises(SystemExit):
+        parsed("--size", "-5mm")
+    assert "'-5mm' is no length above 0" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("error", "code", "says"),
     [
@@ -262,16 +268,16 @@ def test_what_is_wrong_whatever_the_mesh_is_told_before_it_is_read(tmp_path, wor
 
 
 @pytest.mark.parametrize(
-    "words", [["-o", "a.ply"], ["-o", "./a.ply"], ["-o", "b.glb", "--report", "b.glb"],
-              ["-o", "b.glb", "--material", "w.toml", "--save-scene", "w.toml"],
-              ["-o", "link.ply"]]
+    "words", [["a.ply", "-o", "a.ply"], ["a.ply", "-o", "./a.ply"], ["a.ply", "-o", "b.glb", "--report", "b.glb"],
+              ["a.ply", "-o", "b.glb", "--material", "w.toml", "--save-scene", "w.toml"],
+              ["a.ply", "-o", "link.ply"], ["s.toml", "-o", "b.glb", "--report", "./s.toml"]]
 )  # fmt: skip
 def test_nothing_is_written_over_what_is_read(tmp_path, words):
-    before = {"a.ply": "no mesh", "w.toml": "sigma_a = 1\nsigma_s = 1"}
+    before = {"a.ply": "no mesh", "w.toml": "sigma_a = 1\nsigma_s = 1", "s.toml": 'mesh = "a.ply"'}
     for name, text in before.items():
         (tmp_path / name).write_text(text)
     (tmp_path / "link.ply").symlink_to("a.ply")
-    command = [sys.executable, "-m", "clsss", "bake", "a.ply", *words]
+    command = [sys.executable, "-m", "clsss", "bake", *words]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": ROOT})
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "written over" in done.stderr
@@ -411,6 +417,10 @@ def test_bake_keeps_and_repeats_a_scene(tmp_path, ball):
     assert sorted(os.listdir(tmp_path)) == ["a.npz", "s.toml"]
     again = clsss("bake", tmp_path / "s.toml", "-o", tmp_path / "b.npz", "--quiet")
     assert (again.returncode, again.stderr) == (0, "")
+    scene = str(tmp_path / "s.toml")
+    args = scenefile.parse(cli._parser(), ["bake", scene, "--camera", "40,0", "--save-scene", scene])
+    request.check(args)  # a scene may be written over by what it becomes
+    assert args.camera == (40, 0, 1)
     one, two = (np.load(tmp_path / name)["radiosity"] for name in ("a.npz", "b.npz"))
     np.testing.assert_allclose(two, one, rtol=1e-4, atol=1e-6 * one.max())
 

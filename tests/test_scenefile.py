@@ -35,7 +35,7 @@ def parsed(*words):
 
 
 def values(args):
-    return {key: value for key, value in vars(args).items() if key not in ("parser", "save_scene")}
+    return {key: value for key, value in vars(args).items() if key not in ("parser", "save_scene", "scene")}
 
 
 def write(path, text):
@@ -70,7 +70,7 @@ def test_round_trip(tmp_path, monkeypatch, words):
 
 def test_every_option_has_its_key():
     described = vars(parsed("m.ply"))
-    assert set(described) - set(scenefile._actions()) == {"parser", "quiet", "save_scene"}
+    assert set(described) - set(scenefile._actions()) == {"parser", "quiet", "save_scene", "scene"}
 
 
 def test_paths_start_at_the_scene_file(tmp_path, monkeypatch):
@@ -109,6 +109,7 @@ def test_defaults_where_nobody_says(tmp_path):
     [
         ('mesh = "m.ply"\nlight = []', "unknown key 'light'; did you mean 'lights'"),
         ('mesh = "m.ply"\nmateriel = "x"', "did you mean 'material'"),
+        ('mesh = "m.ply"\nfoo = 3', "unknown key 'foo'; known are mesh, size, "),
         ('material = "marble"', "needs the key 'mesh'"),
         ("mesh = 3", "mesh: needs a text in quotes, got 3"),
         ('mesh = "m.ply"\nsize = "big"', "size: 'big' is no length"),
