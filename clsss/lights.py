@@ -52,9 +52,10 @@ class DirectionalLight:
 
     def __post_init__(self) -> None:
         direction = _vector("direction", self.direction)
-        length = np.linalg.norm(direction)
-        if length == 0:
-            raise InputError("direction: must not be zero; give the direction the light travels in")
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(direction)
+        if not 0 < length < np.inf:
+            raise InputError("direction: must not be zero nor endless; give the direction the light travels in")
         direction = direction / length
         direction.setflags(write=False)
         object.__setattr__(self, "direction", direction)
@@ -104,7 +105,11 @@ class Emission:
         shape = (len(points), 3)
         if not callable(self.q0):
             return np.broadcast_to(self.q0, shape)
-        values = np.asarray(self.q0(points), float)
+        given = self.q0(points)
+        try:
+            values = np.asarray(given, float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"q0: must give numbers at points (n, 3): {error}") from error
         if values.shape == shape[:1]:
             values = values[:, None]
         if values.shape not in (shape, (len(points), 1)):

@@ -239,7 +239,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
     start, lights = perf_counter(), checked_lights(lights)
     check(mesh, medium, resolution, tolerance, phase, scattering, blockers)
     check_memory(mesh, int(resolution))
-    validity.warn(mesh, medium)
+    validity.warn(mesh, medium, int(resolution))
     tell = reporter(progress)
     seconds = {"load": float(mesh.report.get("seconds", 0.0)), **dict.fromkeys(STAGES, 0.0)}
     with timed("device", seconds, tell):
@@ -273,7 +273,7 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         at_vertices = shares_at(dev, tree, mesh.vertices, mesh.normals)
         give_back()
     setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, exchange, at_vertices, tuple(blockers), shadows,
-                  scattering == "split", tolerance, before)  # fmt: skip
+                  scattering == "split", float(tolerance), before)  # fmt: skip
     del exchange
     return _bake(setup, medium, lights, None, seconds, start, tell)
 

@@ -20,6 +20,7 @@ LEAST_PATHS = 3.0  # mean free paths that the object must be thick
 # tenth too dark at one cell, a third to a half at .8, and more below (docs/numerics.md, "Limits").
 THIN = {"cell": (1.0, 0.05), "half_a_cell": (0.5, 0.01)}
 FINEST = 2048  # resolution
+WIDEST_CELL = 20.0  # diffusion lengths that a cell may be wide: what is fitted within it bears no more
 _CHANNELS = ("red", "green", "blue")
 _SAMPLES = 1000
 
@@ -46,7 +47,22 @@ def doubts(mesh: Mesh, medium: Medium) -> str:
 
 
 class ResolutionWarning(UserWarning):
-    """Parts of the object are thinner than the cells they are computed in."""
+    """The cells are too wide for parts of the object, or for how far light diffuses in it."""
+
+
+def too_wide(mesh: Mesh, medium: Medium, resolution: int) -> str:
+    """Why light that diffuses within the cells is lost sight of, and which resolution would do, or nothing."""
+    sigma_a, sigma_s_prime = _mean(mesh, medium)
+    widths = np.sqrt(3 * sigma_a * (sigma_a + sigma_s_prime)) * mesh.size / resolution
+    worst = int(np.argmax(widths))
+    if widths[worst] <= WIDEST_CELL:
+        return ""
+    enough = 10 * int(np.ceil(resolution * widths[worst] / WIDEST_CELL / 10))
+    advice = f"resolution {enough} will do" if enough <= FINEST else f"is the object {mesh.size:.3g} mm large?"
+    return (
+        f"cells of {mesh.size / resolution:.2g} mm are {widths[worst]:.2g} diffusion lengths wide in "
+        f"{_CHANNELS[worst]}, which comes out too bright beyond {WIDEST_CELL:g}: {advice}"
+    )
 
 
 def unresolved(thickness: np.ndarray, h: float, resolution: int) -> str:
@@ -89,10 +105,12 @@ class ConvergenceWarning(UserWarning):
     """A solve stopped short of its tolerance."""
 
 
-def warn(mesh: Mesh, medium: Medium) -> None:
-    """Issue a `DiffusionWarning` where there are `doubts`."""
+def warn(mesh: Mesh, medium: Medium, resolution: int) -> None:
+    """Issue a `DiffusionWarning` where there are `doubts`, a `ResolutionWarning` where cells are `too_wide`."""
     if text := doubts(mesh, medium):
         warnings.warn(text, DiffusionWarning, stacklevel=4)
+    if text := too_wide(mesh, medium, resolution):
+        warnings.warn(text, ResolutionWarning, stacklevel=4)
 
 
 def thickness_of(mesh: Mesh) -> float:

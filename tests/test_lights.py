@@ -30,6 +30,7 @@ def test_directional_and_point():
     ("make", "field"),
     [
         (lambda: DirectionalLight((0, 0, 0)), "direction: must not be zero"),
+        (lambda: DirectionalLight((0, 0, 1e300)), "direction: must not be zero nor endless"),
         (lambda: DirectionalLight((0, 1)), "direction: needs three"),
         (lambda: DirectionalLight("down"), "direction: needs three"),
         (lambda: DirectionalLight((0, 0, 1), -1), "irradiance"),
@@ -58,6 +59,8 @@ def test_emission():
     np.testing.assert_allclose(Emission(lambda p: p).density(points), points)
     with pytest.raises(InputError, match="shape"):
         Emission(lambda p: np.zeros((2, 2))).density(points)
+    with pytest.raises(InputError, match="q0: must give numbers"):
+        Emission(lambda p: "bright").density(points)
     with pytest.raises(InputError, match="not negative"):
         Emission(lambda p: -p[:, 0]).density(points)
 

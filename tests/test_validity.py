@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from clsss import diffusion
 from clsss.cutcell import make_grid, sample_surface
 from clsss.lights import DirectionalLight
 from clsss.materials import Material, material
@@ -15,11 +16,13 @@ from clsss.media import Mix
 from clsss.mesh import load_mesh
 from clsss.simulate import simulate
 from clsss.validity import (
+    WIDEST_CELL,
     DiffusionWarning,
     ResolutionWarning,
     doubts,
     thickness_of,
     thin_shares,
+    too_wide,
     unresolved,
     warn,
 )
@@ -39,7 +42,7 @@ def test_marble_raises_no_doubt():
     assert doubts(ball(20), material("marble")) == ""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warn(ball(20), material("marble"))
+        warn(ball(20), material("marble"), 64)
 
 
 def test_low_albedo_is_told_by_channel():
@@ -62,8 +65,20 @@ def test_a_mixture_counts_by_its_mean():
 
 def test_the_warning_is_a_user_warning():
     with pytest.warns(DiffusionWarning, match="diffusion is only approximate here"):
-        warn(ball(50), material("skin1"))
+        warn(ball(50), material("skin1"), 64)
     assert issubclass(DiffusionWarning, UserWarning)
+
+
+def test_cells_much_wider_than_light_diffuses_are_told():
+    """A figure of skin as large as life; the limit is where exponentials are no longer fitted."""
+    assert WIDEST_CELL**2 == diffusion.WIDEST
+    text = too_wide(ball(1800), material("skin1"), 64)
+    assert "are 41 diffusion lengths wide in blue" in text
+    assert text.endswith("resolution 140 will do")
+    assert too_wide(ball(1800), material("skin1"), 140) == ""
+    assert too_wide(ball(1e6), material("marble"), 128).endswith("is the object 1e+06 mm large?")
+    with pytest.warns(ResolutionWarning, match="comes out too bright"):
+        warn(ball(1800), Material(0.1, 5.0), 8)
 
 
 def comb(*thicknesses, resolution=64):
