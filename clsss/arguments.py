@@ -1,16 +1,16 @@
-"""What callers may give `simulate`, and whether the machine can hold it: one clear sentence where not."""
+"""What callers may give `simulate` alone, and whether the machine can hold it: one clear sentence where not."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from clsss.diffusion import PHASES
 from clsss.errors import DeviceError, InputError
-from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.mesh import Mesh, opaque_triangles, require_volume
+from clsss.problem import check_object
 
 BYTES_PER_CELL = 450  # host and device together, at the peak
 BYTES_PER_GRID_CELL = 4  # of the dense box, while the octree is built
@@ -24,11 +24,8 @@ def check(mesh: Any, medium: Any, resolution: Any, tolerance: Any, phase: Any, s
     ------
     InputError
     """
-    if not isinstance(mesh, Mesh):
-        raise InputError(f"mesh: needs a mesh from clsss.load_mesh, got {mesh!r}")
+    check_object(mesh, medium)
     require_volume(mesh)
-    if not hasattr(medium, "coefficients"):
-        raise InputError(f"medium: needs a Material, Mix or Grid (clsss.material('marble') is one), got {medium!r}")
     check_solver(resolution, tolerance)
     if phase not in PHASES:
         raise InputError(f"phase: unknown value {phase!r}; use {', '.join(PHASES)}")
@@ -49,42 +46,6 @@ def check_solver(resolution: Any, tolerance: Any) -> None:
         raise InputError(f"resolution: needs a whole number of at least 4 cells, got {resolution!r}")
     if not isinstance(tolerance, (float, np.floating)) or not 0 < tolerance < 1:
         raise InputError(f"tolerance: needs a number between 0 and 1, got {tolerance!r}")
-
-
-def checked_lights(lights: Any) -> tuple[Any, ...]:
-    """The lights as a tuple.
-
-    Raises
-    ------
-    InputError
-        There is none, or one is no light.
-    """
-    kinds = (DirectionalLight, PointLight, EnvironmentLight, Emission)
-    found = tuple(lights) if isinstance(lights, Sequence) and not isinstance(lights, str) else (lights,)
-    if not found:
-        raise InputError("lights: give at least one light")
-    for light in found:
-        if not isinstance(light, kinds):
-            names = ", ".join(kind.__name__ for kind in kinds)
-            raise InputError(f"lights: {light!r} is no light; use {names}")
-    return found
-
-
-def checked_points(points: Any) -> np.ndarray:
-    """Points as (n, 3) float64.
-
-    Raises
-    ------
-    InputError
-        They have another shape, or are not finite numbers.
-    """
-    try:
-        array = np.asarray(points, float)
-    except (TypeError, ValueError):
-        raise InputError(f"points: needs finite numbers of shape (n, 3), got {points!r}") from None
-    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-        raise InputError(f"points: needs finite numbers of shape (n, 3), got shape {array.shape}")
-    return array
 
 
 def needed_bytes(mesh: Mesh, resolution: int) -> float:

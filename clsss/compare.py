@@ -19,9 +19,10 @@ import numpy as np
 from clsss.device import Device
 from clsss.dipole import dipole
 from clsss.errors import InputError
+from clsss.halfedges import areas
 from clsss.mesh import Mesh
 from clsss.montecarlo import check_counts, estimate
-from clsss.subdivision import areas, owners
+from clsss.subdivision import owners
 
 if TYPE_CHECKING:
     from clsss.simulate import Result
@@ -124,7 +125,7 @@ def compare(
     InputError
         There is nothing to sample, or a number makes no sense.
     """
-    check_counts(n_paths, seed)
+    check_counts(seed, n_points=n_points, n_paths=n_paths)
     mesh, medium, lights, blockers = result.mesh, result.medium, result.lights, result.blockers
     device = Device(result.report["device"], "single")
     radiosity = {OURS: result.vertex_radiosity}
@@ -164,14 +165,12 @@ def noise_of(truth: np.ndarray, stderr: np.ndarray) -> tuple[float, float, float
 
 def vertex_areas(mesh: Mesh) -> np.ndarray:
     """A third of the area of its faces, for every vertex (v,) [mm^2]."""
-    area = areas(mesh.vertices[mesh.faces])
+    area = areas(mesh.vertices, mesh.faces)
     return np.bincount(mesh.faces.ravel(), np.repeat(area / 3, 3), minlength=len(mesh.vertices))
 
 
 def _spread(weight: np.ndarray, n_points: int, seed: int) -> np.ndarray:
     used = np.flatnonzero(weight > 0)
-    if n_points < 1 or not len(used):
-        raise InputError(f"n_points: needs at least 1 and a surface to spread them over, got {n_points}")
     if len(used) <= n_points:
         return used
     share = weight[used] / weight[used].sum()

@@ -22,6 +22,7 @@ from clsss.fresnel import fresnel_A, fresnel_moments, fresnel_transmittance
 from clsss.lights import DirectionalLight, EnvironmentLight, PointLight
 from clsss.materials import Material
 from clsss.mesh import Mesh, RayCaster, opaque_triangles
+from clsss.problem import check_object, checked_lights
 from clsss.subdivision import areas, outward_normals, subdivide
 
 SKY_BEAMS = 256
@@ -116,13 +117,13 @@ def entering(
     Raises
     ------
     InputError
-        An `Emission`, which the dipole cannot take.
+        There is no light, or an `Emission`, which the dipole cannot take.
     """
     opaque, total = opaque_triangles(blockers), np.zeros((len(places), 3))
     caster = RayCaster(mesh.triangles if opaque is None else np.concatenate([mesh.triangles, opaque]))
     start = places + 1e-5 * mesh.size * normals
     beams: list[Any] = []
-    for light in lights:
+    for light in checked_lights(lights):
         beams += light.beams(SKY_BEAMS) if isinstance(light, EnvironmentLight) else [light]
     for k, light in enumerate(beams):
         if isinstance(light, PointLight):
@@ -187,13 +188,14 @@ def dipole(
     Raises
     ------
     InputError
-        The medium varies in space, a light shines inside, or the model is unknown.
+        The medium varies in space, a light shines inside, there is none, or the model is unknown.
 
     References
     ----------
     Jensen et al. 2001, "A practical model for subsurface light transport"; Jensen and Buhler 2002, "A rapid
     hierarchical rendering technique for translucent materials"; d'Eon 2012, "A better dipole".
     """
+    check_object(mesh, material, "material")
     if not material.homogeneous:
         raise InputError("material: the dipole needs the same coefficients everywhere; use a Material")
     sigma, *both = poles(material, model)

@@ -42,6 +42,12 @@ def fresnel_transmittance(cos_incidence: Any, eta: float) -> np.ndarray:
     return 1 - fresnel_reflectance(cos_incidence, 1 / eta)
 
 
+def unit_quadrature(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights (n,) of Gauss and Legendre between 0 and 1."""
+    x, weight = np.polynomial.legendre.leggauss(n)
+    return (x + 1) / 2, weight / 2
+
+
 @functools.lru_cache(maxsize=64)
 def fresnel_moments(eta: float) -> tuple[float, float]:
     """R_phi = 2 int_0^1 R mu dmu and R_J = 3 int_0^1 R mu^2 dmu, R the reflectance seen from inside."""
@@ -49,10 +55,9 @@ def fresnel_moments(eta: float) -> tuple[float, float]:
         return 0.0, 0.0
     # R is 1 below the cosine of the critical angle and has a square root there: mu = critical + (..) t^2
     critical = np.sqrt(1 - 1 / eta**2) if eta > 1 else 0.0
-    x, weight = np.polynomial.legendre.leggauss(128)
-    t = (x + 1) / 2
+    t, weight = unit_quadrature(128)
     mu = critical + (1 - critical) * t * t
-    weight = weight * t * (1 - critical) * fresnel_reflectance(mu, eta)
+    weight = 2 * weight * t * (1 - critical) * fresnel_reflectance(mu, eta)
     return float(critical**2 + np.sum(weight * 2 * mu)), float(critical**3 + np.sum(weight * 3 * mu * mu))
 
 

@@ -25,6 +25,7 @@ from clsss.halfedges import half_edges
 from clsss.launch import launched
 from clsss.materials import Medium
 from clsss.mesh import Mesh, contains, opaque_triangles
+from clsss.problem import check_object, checked_points
 from clsss.subdivision import outward_normals
 from clsss.transport import Sources, Walk, gather, make_scene
 
@@ -125,8 +126,8 @@ def estimate(
     Raises
     ------
     InputError
-        No light, a point off the surface, `n_paths` below 1, or paths backwards where light bends or emission is
-        a function.
+        No mesh, no medium, no light, no point or one off the surface, `n_paths` below 1, or paths backwards where
+        light bends or emission is a function.
 
     References
     ----------
@@ -134,14 +135,12 @@ def estimate(
     vary); Prahl et al. 1989, "A Monte Carlo model of light propagation in tissue" (photons).
     """
     started = time.perf_counter()
-    check_counts(n_paths, seed)
+    check_object(mesh, medium)
+    check_counts(n_paths=n_paths, seed=seed)
     sources, opaque, device = gather(lights), opaque_triangles(blockers), device or Device(precision="single")
     forward = _goes_forward(mesh, medium, sources, forward)
-    at, facing = _checked(mesh, points, normals)
-    place, triangle = paths.anchors(mesh, at, facing)
+    at, place, triangle = _anchored(mesh, points, normals)
     on = np.flatnonzero(triangle >= 0)
-    if points is not None and len(on) < len(at):
-        _refuse_off_surface(mesh, at, np.flatnonzero(triangle < 0))
     walk, n = Walk(seed, reenter, CAP, progress), len(on)
     energy: dict[str, np.ndarray] = {}
     scene = make_scene(mesh.triangles, medium, sources, device, opaque)
@@ -160,7 +159,7 @@ def estimate(
         results[name] = np.full((len(at), 3), np.nan)
         results[name][on] = values
     results["stderr"] = results.pop("radiosity_stderr")
-    _tell(mesh, lost, capped)
+    _tell(mesh, lost, capped, n_paths * n)
     if forward:
         _tell_of_silence(results["radiosity"][on], energy["scattered"], n_paths)
     seconds = time.perf_counter() - started
@@ -179,21 +178,14 @@ def _goes_forward(mesh: Mesh, medium: Medium, sources: Sources, forward: bool | 
     return forward
 
 
-def _refuse_off_surface(mesh: Mesh, at: np.ndarray, off: np.ndarray) -> None:
-    """Name the first of the points `off` (k,) among `at` (n, 3) that no surface is near."""
-    where = f"number {off[0]} at ({', '.join(f'{x:.4g}' for x in at[off[0]])}) for one"
-    far = f"{len(off)} of {len(at)} lie more than {paths.NEAR * mesh.size:g} mm off the surface"
-    raise InputError(f"points: {far}, {where}; move them onto it")
-
-
-def check_counts(n_paths: Any, seed: Any) -> None:
-    """Refuse numbers of paths below 1 and seeds that generators do not take.
+def check_counts(seed: Any, **counts: Any) -> None:
+    """Refuse numbers of points or paths below 1, named as callers know them, and seeds that generators do not take.
 
     Raises
     ------
     InputError
     """
-    for name, value, least in (("n_paths", n_paths, 1), ("seed", seed, 0)):
+    for name, value, least in (("seed", seed, 0), *((name, value, 1) for name, value in counts.items())):
         whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
         if not whole or not least <= value < 2**31:
             raise InputError(f"{name}: needs a whole number from {least} to {2**31 - 1}, got {value!r}")
@@ -208,9 +200,10 @@ def _tell_of_silence(radiosity: np.ndarray, scattered: np.ndarray, n_paths: int)
         warnings.warn(f"{text}: {advice}", PathWarning, stacklevel=3)
 
 
-def _tell(mesh: Mesh, lost: float, capped: float) -> None:
+def _tell(mesh: Mesh, lost: float, capped: float, n_paths: int) -> None:
     """Warn of paths whose light is missing."""
-    if lost > LEAK:
+    most = LEAK * n_paths
+    if lost * n_paths > most + 3 * np.sqrt(most + 1):  # few paths may lose one or two by chance
         corners = np.unique(mesh.triangles.reshape(-1, 3), axis=0, return_inverse=True)
         edges = half_edges(corners[1].reshape(-1, 3))
         gaps = corners[0][edges.ends(np.flatnonzero(edges.net))].mean(axis=1)
@@ -224,18 +217,18 @@ def _tell(mesh: Mesh, lost: float, capped: float) -> None:
         warnings.warn(f"{text}; the medium absorbs too little for its size", PathWarning, stacklevel=3)
 
 
-def _checked(mesh: Mesh, points: Any, normals: Any) -> tuple[np.ndarray, np.ndarray | None]:
-    """Points and normals as arrays; the mesh's own where none are given."""
+def _anchored(mesh: Mesh, points: Any, normals: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (n, 3), of the mesh where none are given, the places on its surface and the triangles they are on."""
     if points is None:
-        return mesh.vertices, mesh.normals
-    arrays: list[np.ndarray | None] = []
-    for name, values in (("points", points), ("normals", normals)):
-        array = None if values is None else np.asarray(values, float)
-        if array is not None and (array.ndim != 2 or array.shape[1] != 3 or not np.all(np.isfinite(array))):
-            raise InputError(f"{name}: needs finite numbers of shape (n, 3), got shape {array.shape}")
-        arrays.append(array)
-    at, facing = arrays
-    assert at is not None
+        return mesh.vertices, *paths.anchors(mesh, mesh.vertices, mesh.normals)
+    at, facing = checked_points(points), None if normals is None else checked_points(normals, "normals")
+    if not len(at):
+        raise InputError("points: there are none; leave them out for the mesh's vertices")
     if facing is not None and facing.shape != at.shape:
         raise InputError(f"normals: has shape {facing.shape} but points has {at.shape}")
-    return at, facing
+    place, triangle = paths.anchors(mesh, at, facing)
+    if len(off := np.flatnonzero(triangle < 0)):
+        where = f"number {off[0]} at ({', '.join(f'{x:.4g}' for x in at[off[0]])}) for one"
+        far = f"{len(off)} of {len(at)} lie more than {paths.NEAR * mesh.size:g} mm off the surface"
+        raise InputError(f"points: {far}, {where}; move them onto it")
+    return at, place, triangle

@@ -14,7 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from clsss import cutcell, diffusion, octree, validity
-from clsss.arguments import check, check_memory, checked_lights, checked_points, reporter
+from clsss.arguments import check, check_memory, reporter
 from clsss.device import open_device
 from clsss.errors import InputError
 from clsss.exchange import leaving_shape, trace_exchange
@@ -25,6 +25,7 @@ from clsss.layer import fitted_layer
 from clsss.lighting import Progress, Setup, Solution, interpolate, light, timed
 from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
 from clsss.multigrid import Multigrid
+from clsss.problem import checked_lights, checked_points
 from clsss.refinement import varies
 from clsss.report import account
 from clsss.single import DEPTHS, SingleScattering
@@ -141,7 +142,7 @@ class Result:
             [W/mm^2/sr].
         """
         setup, solution, mesh = self._setup, self._solution, self.mesh
-        away = checked_points([eye])[0] - mesh.vertices
+        away = checked_points([eye], "eye")[0] - mesh.vertices
         out = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
         mu = (out * mesh.normals).sum(axis=1)
         low = mu < least_cosine
@@ -159,8 +160,7 @@ class Result:
     def fluence(self, points: Any) -> np.ndarray:
         """Fluence (n, 3) of the scattered light [W/mm^2] at points (n, 3) inside [mm]; NaN outside."""
         points = checked_points(points)
-        out = np.full((len(points), 3), np.nan)
-        inside = contains(self.mesh, points)
+        out, inside = np.full((len(points), 3), np.nan), contains(self.mesh, points)
         out[inside] = interpolate(self._setup, self._solution, points[inside])
         return out
 

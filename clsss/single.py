@@ -26,7 +26,7 @@ from clsss import bvh
 from clsss.beams import extinction, light_arguments, scattering
 from clsss.device import Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, make_operator
-from clsss.fresnel import entering_gain, fresnel_A, fresnel_reflectance
+from clsss.fresnel import entering_gain, fresnel_A, fresnel_reflectance, unit_quadrature
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.multigrid import Multigrid
 from clsss.octree import Octree
@@ -90,7 +90,7 @@ class SingleScattering:
         device, octree, n = self.device, self.octree, len(points)
         spare = np.zeros((n, 1))
         arrays = [device.array(np.hstack([v, spare])) for v in (octree.grid.to_cells(points), normals, out)]
-        radiance, nodes = device.zeros((n, 4)), device.array(np.stack(_unit_quadrature(depths), axis=1))
+        radiance, nodes = device.zeros((n, 4)), device.array(np.stack(unit_quadrature(depths), axis=1))
         for where, strength in self._lights:
             device.run(self._kernel, n, n, depths, octree.grid.h, float(self.medium.eta), float(self.medium.g),
                        self._rate, where, strength, *self._body, self._scatters, *self._surface, *arrays, nodes,
@@ -102,7 +102,7 @@ class SingleScattering:
         """Exitance (n, 3) at points of the surface, in multiples of `unit`; parameters as of `radiance`."""
         s, t = tangent_frame(normals)
         total = np.zeros((len(points), 3))
-        for ring, (mu, weight) in enumerate(zip(*_unit_quadrature(RINGS), strict=True)):
+        for ring, (mu, weight) in enumerate(zip(*unit_quadrature(RINGS), strict=True)):
             for turn in range(TURNS):
                 angle = 2 * np.pi * (turn / TURNS + 0.6180339887 * ring)
                 out = np.sqrt(1 - mu * mu) * (np.cos(angle) * s + np.sin(angle) * t) + mu * normals
@@ -110,12 +110,6 @@ class SingleScattering:
                 if progress is not None:
                     progress((ring * TURNS + turn + 1) / (RINGS * TURNS))
         return total
-
-
-def _unit_quadrature(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights (n,) of Gauss and Legendre between 0 and 1."""
-    x, weight = np.polynomial.legendre.leggauss(n)
-    return (x + 1) / 2, weight / 2
 
 
 def collimated(lights: list[Any]) -> list[DirectionalLight | PointLight]:
@@ -141,7 +135,7 @@ def _diffused_once(device: Device, octree: Octree, medium: Coefficients, source:
 
 def most_excess(eta: float) -> float:
     """The largest (M_1' - M_1) / M_1 of a half space in a beam, over all angles; what coarse cells add is theirs."""
-    (inner, weight), mu = _unit_quadrature(256), np.linspace(0.02, 1, 50)[:, None]
+    (inner, weight), mu = unit_quadrature(256), np.linspace(0.02, 1, 50)[:, None]
     exact = (weight * (1 - fresnel_reflectance(inner, eta)) * inner * mu / (mu + inner)).sum(axis=1) / 2
     particular = 1 / (1 - 1 / (3 * mu[:, 0] ** 2))
     slow, fast = 1 / (2 * fresnel_A(eta)), 1 / np.sqrt(3)

@@ -15,8 +15,9 @@ import numpy as np
 from clsss.bvh import build
 from clsss.device import Buffer, Device
 from clsss.errors import InputError
-from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
+from clsss.lights import Emission, EnvironmentLight, PointLight
 from clsss.materials import Medium
+from clsss.problem import checked_lights
 
 QUANTITIES = ("radiosity", "single", "multiple")
 SKY_BEAMS = 1024
@@ -59,20 +60,24 @@ class Sources:
 
 
 def gather(lights: Sequence[Any]) -> Sources:
-    """Beams, lamps and emission of all lights; a sky becomes `SKY_BEAMS` beams."""
+    """Beams, lamps and emission of all lights; a sky becomes `SKY_BEAMS` beams.
+
+    Raises
+    ------
+    InputError
+        There is none, one is no light, or all are black.
+    """
     place, strength, emission = [], [], []
-    for light in [lights] if not isinstance(lights, Sequence) else lights:
+    for light in checked_lights(lights):
         if isinstance(light, PointLight):
             place.append([*light.position, 1.0])
             strength.append(light.intensity)
         elif isinstance(light, Emission):
             emission += [light] if callable(light.q0) or np.any(light.q0) else []
-        elif isinstance(light, (DirectionalLight, EnvironmentLight)):
+        else:
             beams = light.beams(SKY_BEAMS) if isinstance(light, EnvironmentLight) else [light]
             place += [[*b.direction, 0.0] for b in beams]
             strength += [b.irradiance for b in beams]
-        else:
-            raise InputError(f"lights: {light!r} is no light; use those that clsss.simulate takes")
     lit = np.any(np.reshape(strength, (-1, 3)), axis=1)
     found = Sources(np.reshape(place, (-1, 4))[lit], np.reshape(strength, (-1, 3))[lit], tuple(emission))
     if not (emission or lit.any()):

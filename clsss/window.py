@@ -231,11 +231,14 @@ class Window:
 
 
 def moved(camera: Camera, start: Camera) -> tuple[float, ...]:
-    """Zoom from one camera to another that looks the same way, and how far that is moved aside, if it is."""
+    """Zoom from one camera to another that looks the same way, and how far that is moved aside, if it is.
+
+    Where it has moved past what the first looks at, no zoom shows what it sees; one that options take comes nearest.
+    """
     right, over, nearer = (camera.axes() @ (camera.target - start.target)).tolist()
-    distance = camera.distance + nearer
+    distance = max(camera.distance + nearer, camera.distance / 100)
     height = replace(camera, distance=distance).picture_height
-    zoom, aside = round(start.distance / distance, 3), (round(right / height, 4), round(over / height, 4))
+    zoom, aside = float(f"{start.distance / distance:.4g}"), (round(right / height, 4), round(over / height, 4))
     return (zoom, *aside) if any(aside) else (zoom,)
 
 

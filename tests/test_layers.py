@@ -44,7 +44,7 @@ LAYERS = {
     0.15: ["orientation", "exposure"],
     0.2: ["repair", "renderer", "doctor", "triangles"],
     0.3: ["mesh"],
-    0.4: ["validity", "volumes", "thickness"],
+    0.4: ["validity", "volumes", "thickness", "problem"],
     1: ["cutcell", "transport", "dipole"],
     1.1: ["paths", "launch"],
     1.2: ["photons"],

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from clsss import bvh, paths, pointtree
+from clsss import bvh, montecarlo, paths, pointtree
 from clsss.device import Device
 from clsss.dipole import SPACING, dipole, entering, groenhuis_A, profile
 from clsss.errors import InputError
@@ -201,6 +201,12 @@ def test_dipole_names_what_it_cannot_do():
         dipole(ball(), Mix(m, m, Perlin()), [DOWN])
     with pytest.raises(InputError, match="Emission"):
         dipole(ball(), m, [Emission(1)])
+    with pytest.raises(InputError, match="mesh: needs a mesh"):
+        dipole("ball.ply", m, [DOWN])
+    with pytest.raises(InputError, match="material: needs a Material"):
+        dipole(ball(), "marble", [DOWN])
+    with pytest.raises(InputError, match="at least one light"):
+        dipole(ball(), m, [])
 
 
 def test_samples_are_fine_enough():
@@ -414,6 +420,15 @@ def test_open_mesh_reports_what_slips_out():
         assert np.linalg.norm(gap - [float(x) for x in place.split(",")], axis=1).min() < 0.5
 
 
+def test_few_paths_may_lose_one_by_chance():
+    """A watertight ball: one path of 5000 says nothing of the surface, ten do."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        montecarlo._tell(ball(), 1 / 5000, 0.0, 5000)
+    with pytest.warns(PathWarning, match=r"0.20% of the paths .* it is closed, but has triangles too small"):
+        montecarlo._tell(ball(), 10 / 5000, 0.0, 5000)
+
+
 def test_points_without_a_photon_are_reported():
     """Photons go everywhere: of few points some see none, and 0 +- 0 is no estimate."""
     mesh, glassy = ball(), Material(0.01, 1.0, eta=1.3)
@@ -461,8 +476,14 @@ def test_unused_vertices_have_no_radiosity():
         ({"seed": -1}, "seed: needs a whole number"),
         ({"points": [[0, 0, 5], [0, 0, 0]]}, r"1 of 2 lie more than 0.01 mm off the surface, number 1 at \(0, 0, 0\)"),
         ({"points": [[0, 0]]}, "points: needs"),
+        ({"points": "here"}, "points: needs"),
+        ({"points": np.zeros((0, 3))}, "points: there are none"),
+        ({"points": [[0, 0, 5.0]], "normals": "up"}, "normals: needs"),
+        ({"mesh": "ball.ply"}, "mesh: needs a mesh"),
+        ({"medium": "marble"}, "medium: needs a Material"),
+        ({"lights": [3]}, "3 is no light"),
         ({"points": [[0, 0, 5.0]], "normals": [[0, 0, 1], [0, 0, 1]]}, "normals: has shape"),
-        ({"lights": []}, "no light"),
+        ({"lights": []}, "at least one light"),
         ({"lights": [DirectionalLight((0, 0, 1), 0)]}, "no light"),
         ({"medium": Material(0.1, 1, eta=1.3), "forward": False}, "eta"),
     ],

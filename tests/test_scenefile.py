@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -176,3 +177,7 @@ def test_what_the_camera_saw_is_kept():
     seen = [c[:, :2] / c[:, 3:] for c in clip]
     np.testing.assert_allclose(*seen, atol=2e-3)
     assert len(window.moved(again.zoomed(2), again)) == 1
+    for lost in (again.zoomed(1e-6), again.panned(5, 0).orbited(90, 0).zoomed(30), again.panned(5, 0).orbited(-90, 0)):
+        start = replace(again, azimuth=lost.azimuth)
+        kept = grammar.camera(grammar.joined((lost.azimuth, 12, *window.moved(lost, start))))
+        assert 0 < kept[2] < np.inf  # far away, or past the mesh: options all the same
