@@ -12,14 +12,14 @@ Haber et al. 2005, eq. (5): the boundary condition, light from elsewhere added a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 
+from clsss.device import Buffer
 from clsss.diffusion import Operator
-from clsss.exchange import Exchange
 from clsss.surface import boundary_normals
 
 
@@ -67,31 +67,45 @@ class Boundary:
         self.per_area = (1 / (2 * medium.fresnel_A + depth / D[..., :3])).astype(away.dtype)
         self._scale = 1 / D[..., :3] if medium.homogeneous else np.ones(3)
 
-    def above(self, exchange: Exchange, depth: int) -> list[Above]:
-        """The same for the `depth` levels above the finest, from the finest of them.
+    def above(self, share: sparse.csr_matrix, depth: int) -> Iterator[Above]:
+        """The same for the `depth` levels above the finest, from the finest of them, for patches' means (p, n_cut).
 
         Fluence lets out there what the level's absorption holds: less than the sum, by the weights of pinning.h.
         """
-        op, over, area, found = self.op, self._cut_cell, self.area[:, 0], []
-        whole, of_patch = op.absorb[-1].get(), exchange.share.tocsc()  # each cut cell is of one patch
+        op, over, area = self.op, self._cut_cell, self.area[:, 0]
+        of_patch, levels = share.tocsc(), op.octree.levels  # each cut cell is of one patch
+        whole: Iterable[np.ndarray] = op.absorb[-1].parts()
         for k in range(len(op.absorb) - 2, len(op.absorb) - 2 - depth, -1):
-            absorb, parent = op.absorb[k].get()[:, :3].astype(float), op.octree.levels[k + 1].parent
-            assert parent is not None
-            parents = parent.get()[: len(whole)]
-            over = parents[over]
-            whole = np.where(op.octree.levels[k].leaf[:, None], absorb, _sums(parents, whole.T[:3], len(absorb)))
-            del parents
-            cell, above = np.unique(over, return_inverse=True)
-            above, shape = above.astype(np.int32), (len(cell), exchange.share.shape[0])
+            parents, leaf = levels[k + 1].parent, levels[k].leaf
+            assert parents is not None
+            sums = _sums_in_parents(whole, parents, len(leaf))
+            over = parents.get(0, levels[k + 1].n)[over]
+            is_over = np.zeros(len(leaf), bool)
+            is_over[over] = True
+            cell, above = np.flatnonzero(is_over), (np.cumsum(is_over, dtype=np.int32) - 1)[over]
+            absorb, first = np.empty((len(cell), 3)), 0
+            for part in op.absorb[k].parts():
+                some = slice(first, first + len(part))
+                start, end = np.searchsorted(cell, (some.start, some.stop))
+                absorb[start:end] = part[cell[start:end] - first, :3]
+                sums[some][leaf[some]] = part[leaf[some], :3]
+                first = some.stop
+            shape = (len(cell), share.shape[0])
             total = np.maximum(np.bincount(above, area, len(cell)), 1e-300)
-            held = absorb[cell] / np.maximum(whole[cell], 1e-300)
-            flux = _sums(above, (area * values for values in self.per_area.T), len(cell))
+            held = absorb / np.maximum(sums[cell], 1e-300)
+            flux = np.stack([np.bincount(above, area * values, len(cell)) for values in self.per_area.T], axis=1)
             blend = sparse.coo_matrix((area / total[above], (above, of_patch.indices)), shape).tocsr()
-            share = sparse.coo_matrix((of_patch.data, (of_patch.indices, above)), shape[::-1]).tocsr()
-            found.append(Above(cell, held * flux / total[:, None], flux * self._scale, share, blend))
-        return found
+            on_patches = sparse.coo_matrix((of_patch.data, (of_patch.indices, above)), shape[::-1]).tocsr()
+            yield Above(cell, held * flux / total[:, None], flux * self._scale, on_patches, blend)
+            whole = [sums]
 
 
-def _sums(group: np.ndarray, columns: Iterable[np.ndarray], n: int) -> np.ndarray:
-    """Sums (n, ...) of columns over groups (m,)."""
-    return np.stack([np.bincount(group, values, n) for values in columns], axis=1)
+def _sums_in_parents(parts: Iterable[np.ndarray], parents: Buffer, n: int) -> np.ndarray:
+    """Sums (n, 3) over the children of each of n cells, whose values (m, 3 or more) come in parts."""
+    summed, first = np.zeros((3, n)), 0
+    for part in parts:
+        parent = parents.get(first, len(part))
+        for channel, values in zip(summed, part.T, strict=False):
+            np.add.at(channel, parent, values.astype(float))
+        first += len(part)
+    return summed.T

@@ -20,12 +20,14 @@ import numpy as np
 
 from clsss.around import Around, list_around
 from clsss.device import Buffer, Device
+from clsss.heap import give_back
 from clsss.jumps import Jumps, find_jumps
 from clsss.level import Level, octants
 from clsss.octree import Octree
 from clsss.rows import Kept, keep
 
 CHANNELS = 4
+CHUNK = 1 << 15  # cells whose neighbours or children the host lists at a time
 RESOLVED, FITTED = 0.05, 0.075  # (k h)^2 up to which no exponential is fitted, and from which on it is all
 WIDEST = 400.0  # (k h)^2 that float32's exponentials bear
 
@@ -245,25 +247,31 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
                    octree.levels[k + 1].nbr, T[k + 1], absorb[k + 1], T[k], absorb[k])  # fmt: skip
     kernel = device.kernel("interpolation", "interpolation_weights", *defines)
     weight: list[Buffer | None] = [None]
-    for level, ijk, t in zip(octree.levels[1:], octree.positions()[1:], T[1:], strict=True):
+    for level, position, t in zip(octree.levels[1:], octree.lend_positions()[1:], T[1:], strict=True):
         first, n = level.colour_start[1], level.n - level.colour_start[1]
         weight.append(device.empty((n, 4), np.uint8))
-        octant = device.array(octants(ijk[first:]))
+        octant = device.array(octants(position.get(first, n)))
         device.run(kernel, n, first, n, level.n, octant, level.nbr, t, weight[-1])
     share = _shares(device, octree, medium, T)
+    del lent, D, sigma_a, position, t
     kept: list[tuple[Kept, Kept]] = []
     while T:  # what a level had goes before the next one's comes
         kept.insert(0, keep(device, T.pop(), absorb.pop()))
-    return Operator(octree, medium, [t for t, _ in kept], [a for _, a in kept], weight, share,
-                    _irregular(device, octree), list_around(device, octree))  # fmt: skip
+    irregular, around = _irregular(device, octree), list_around(device, octree)
+    give_back()
+    return Operator(octree, medium, [t for t, _ in kept], [a for _, a in kept], weight, share, irregular, around)
 
 
 def _every_child(device: Device, level: Level) -> Buffer:
     """`Level.child` with a row (n, 8) for each cell, of -1 for leaves."""
     assert level.child is not None
-    child = np.full((level.n, 8), -1, np.int32)
-    child[level.covered.get()] = level.child.get()
-    return device.array(child)
+    covered, out = level.covered.get(), device.empty((level.n, 8), np.int32)
+    for first in range(0, level.n, CHUNK):
+        some = np.full((min(CHUNK, level.n - first), 8), -1, np.int32)
+        start, end = np.searchsorted(covered, (first, first + CHUNK))
+        some[covered[start:end] - first] = level.child.get(start, end - start)
+        out.rows(first, len(some)).set(some)
+    return out
 
 
 def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer]) -> list[Buffer]:
@@ -274,6 +282,8 @@ def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer
     for k in range(len(levels) - 2, -1, -1):
         level, fine = levels[k], levels[k + 1]
         m = level.junction_face.shape[0]
+        if not m:
+            continue
         device.run(kernel, m, m, level.junction_face, level.junction_start, level.junction_cell,
                    _every_child(device, level), level.chain, fine.n + fine.n_ghost, fine.nbr, fine.parent, T[k + 1],
                    fine.junction_start, fine.junction_cell, share[k + 1], share[k])  # fmt: skip
@@ -282,9 +292,10 @@ def _shares(device: Device, octree: Octree, medium: Coefficients, T: list[Buffer
 
 def _irregular(device: Device, octree: Octree) -> Buffer:
     """Cut cells and their face neighbours."""
-    nbr, n = octree.finest.nbr.get(), octree.finest.n
-    cut = octree.cut.cell.get()
+    n, cut = octree.finest.n, octree.cut.cell.get()
     flag = np.zeros(n + octree.finest.n_ghost, bool)
     flag[cut] = True
-    flag[nbr[cut]] = True
+    for first in range(0, n, CHUNK):
+        start, end = np.searchsorted(cut, (first, first + CHUNK))
+        flag[octree.finest.nbr.get(first, min(CHUNK, n - first))[cut[start:end] - first]] = True
     return device.array(np.flatnonzero(flag[:n]).astype(np.int32))

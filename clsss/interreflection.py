@@ -32,16 +32,42 @@ def _shortened(device: Device, values: np.ndarray) -> Buffer:
     return device.array(((bits + 0x7FFF + ((bits >> 16) & 1)) >> 16).astype(np.uint16))
 
 
+class PatchMatrices:
+    """An exchange on the device, where it takes a quarter of what it does on the host.
+
+    Parameters
+    ----------
+    device : Device
+    exchange : Exchange
+
+    Attributes
+    ----------
+    share : (p, n_cut) sparse, on the host
+        Of the exchange.
+    patches : tuple
+        Where it has entries (`places_of`).
+    blend, arriving, entering : SparseMatrix
+        The others.
+    gain, rays : float and int
+        Of the exchange.
+    """
+
+    def __init__(self, device: Device, exchange: Exchange):
+        self.share, self.gain, self.rays = exchange.share, exchange.gain, exchange.rays
+        self.patches, self.blend = places_of(device, exchange.share), SparseMatrix(device, exchange.blend)
+        self.arriving = SparseMatrix(device, exchange.arriving)
+        self.entering = SparseMatrix(device, exchange.entering, self.arriving)
+
+
 class PatchCoupling:
     """What an exchange does within the V-cycles of an operator (a `Coupling`), and its state.
-
-    It keeps nothing of the exchange itself, which takes 100 bytes a cut cell on the host.
 
     Parameters
     ----------
     device : Device
     op : Operator
-    exchange : Exchange
+    matrices : PatchMatrices
+        Their `share` is not kept.
     e : Field
         The correction of those V-cycles: its finest level's red cells are lent while coarser ones are solved.
     room : Room
@@ -59,24 +85,21 @@ class PatchCoupling:
         How many there are, and how many were traced.
     """
 
-    def __init__(self, device: Device, op: Operator, exchange: Exchange, e: Field, room: Room):
-        self.device, self.op, self._gain = device, op, exchange.gain
-        self.patches, self.rays = exchange.share.shape[0], exchange.rays
-        levels, boundary = op.octree.levels, Boundary(op)
+    def __init__(self, device: Device, op: Operator, matrices: PatchMatrices, e: Field, room: Room):
+        self.device, self.op, self._gain = device, op, matrices.gain
+        self.patches, self.rays = matrices.share.shape[0], matrices.rays
+        self._patches, self._blend = matrices.patches, matrices.blend
+        self._arriving, self._entering = matrices.arriving, matrices.entering
+        levels, boundary, gain, p = op.octree.levels, Boundary(op), matrices.gain, self.patches
         self.level = max(0, len(levels) - 1 - patch_depth(op.octree))
-        above = boundary.above(exchange, len(levels) - 1 - self.level)
-        self._patches, self._blend = places_of(device, exchange.share), SparseMatrix(device, exchange.blend)
-        self._arriving = SparseMatrix(device, exchange.arriving)
-        self._entering = SparseMatrix(device, exchange.entering, self._arriving)
-        self._giving = _shortened(device, exchange.gain * (exchange.share @ boundary.per_area))
-        self._above = {
-            k: (device.array(seen.cell.astype(np.int32)), _shortened(device, exchange.gain * seen.entering),
-                SparseMatrix(device, seen.blend))
-            for k, seen in zip(range(len(levels) - 2, self.level - 1, -1), above, strict=True)
-        }  # fmt: skip
-        self._leaving = _shortened(device, above[-1].leaving)
-        self._share_above = SparseMatrix(device, above[-1].share)
-        p = exchange.share.shape[0]
+        self._giving = _shortened(device, gain * (matrices.share @ boundary.per_area))
+        self._above: dict[int, tuple[Buffer, Buffer, SparseMatrix]] = {}
+        above = boundary.above(matrices.share, len(levels) - 1 - self.level)
+        for k, seen in zip(range(len(levels) - 2, self.level - 1, -1), above, strict=True):
+            self._above[k] = (device.array(seen.cell.astype(np.int32)), _shortened(device, gain * seen.entering),
+                              SparseMatrix(device, seen.blend))  # fmt: skip
+        self._leaving = _shortened(device, seen.leaving)
+        self._share_above = SparseMatrix(device, seen.share)
         self.B, self.change = device.zeros((p, 3)), device.zeros((p, 3))
         self.room, self._came_in = room, room.empty((p, 3))
         red = Room(device, (e.whole, e.start[-2], e.start[-2] + op.octree.finest.colour_start[1]))

@@ -86,7 +86,8 @@ class Level:
 
 def octants(ijk: np.ndarray) -> np.ndarray:
     """Which octant of its parent each cell (n, 3) is (n,) uint8, x fastest."""
-    return ((ijk & 1) @ np.array([1, 2, 4])).astype(np.uint8)
+    x, y, z = (ijk & 1).astype(np.uint8).T
+    return x | y << 1 | z << 2
 
 
 def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np.ndarray | None,

@@ -17,9 +17,7 @@ import numpy as np
 
 from clsss.device import Device
 from clsss.diffusion import Coefficients, Field, Load, cell_points, channels
-from clsss.exchange import Exchange
 from clsss.fresnel import entering_gain
-from clsss.heap import give_back
 from clsss.interreflection import Interreflection, PatchCoupling
 from clsss.layer import Layer
 from clsss.mesh import Mesh
@@ -44,7 +42,7 @@ class Setup:
     medium: Coefficients
     multigrid: Multigrid
     layer: Layer | None
-    exchange: Exchange | None  # until it is on the device
+    coupling: PatchCoupling | None
     at_vertices: Shares  # carries values at the boundary of the cut cells to the vertices
     blockers: tuple[Mesh, ...]
     shadows: RayCaster | None
@@ -52,17 +50,6 @@ class Setup:
     tolerance: float
     bytes_before: int  # that other results held on the device
     _on_device: weakref.ref[Fluence] | None = None
-
-    @cached_property
-    def coupling(self) -> PatchCoupling | None:
-        """The exchange on the device; the host needs it no longer."""
-        if not self.exchange:
-            return None
-        mg = self.multigrid
-        coupling = PatchCoupling(self.device, mg.op, self.exchange, mg.e, mg.room)
-        self.exchange = None
-        give_back()
-        return coupling
 
     @cached_property
     def right_hand_side(self) -> Load:
@@ -167,7 +154,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     last : Solution, optional
         Where the solve starts from.
     seconds : dict
-        Gets the seconds of the stages "source", "single", "exchange" and "solve".
+        Gets the seconds of the stages "source", "single" and "solve".
     tell : callable
         Told ``(stage, fraction)``.
 
@@ -191,8 +178,6 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         with timed("single", seconds, tell):
             once, kept, source = split(device, octree, medium, list(lights), unit, source, setup.shadows,
                                        setup.tolerance, lambda f: tell("single", f))  # fmt: skip
-    with timed("exchange", seconds, lambda *_: None):  # of a setup's first lights; sources need the memory before
-        coupling = setup.coupling
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
         brighter = np.zeros(3)
@@ -201,7 +186,8 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
             before, now = last.source.deposited / last.unit, source.deposited / unit
             np.divide(now, before, out=brighter, where=before > 0)
         phi = last.phi.copy(device, octree, brighter) if last else Field(device, octree)
-        follower = Interreflection(coupling, setup.multigrid.residual, source, phi) if coupling else None
+        coupling, residual = setup.coupling, setup.multigrid.residual
+        follower = Interreflection(coupling, residual, source, phi) if coupling else None
         if follower and last:
             follower.start_from(last.leaving * brighter)
         convergence = setup.multigrid.solve(

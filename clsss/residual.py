@@ -17,6 +17,8 @@ from clsss.octree import Octree
 from clsss.room import Room
 from clsss.sparsematrix import SparseMatrix
 
+CHUNK = 1 << 15  # cells that the host looks at the children of at a time
+
 
 def _centred(device: Device, octree: Octree) -> list[Buffer]:
     """Which cells of each level but the finest have their value at their centre: all but those over cut cells."""
@@ -24,9 +26,11 @@ def _centred(device: Device, octree: Octree) -> list[Buffer]:
     found: list[Buffer] = []
     for level in octree.levels[-2::-1]:
         assert level.child is not None
-        child = level.child.get()
-        below, whole = whole, level.leaf
-        whole[level.covered.get()] = ((child >= 0) & below[child]).all(axis=1)
+        covered, below, whole = level.covered.get(), whole, level.leaf
+        for first in range(0, len(covered), CHUNK):
+            cells = covered[first : first + CHUNK]
+            child = level.child.get(first, len(cells))
+            whole[cells] = ((child >= 0) & below[child]).all(axis=1)
         found.insert(0, device.array(whole.astype(np.uint8)))
     return found
 

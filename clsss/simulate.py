@@ -21,6 +21,7 @@ from clsss.exchange import leaving_shape, trace_exchange
 from clsss.fresnel import fresnel_A
 from clsss.heap import give_back
 from clsss.inner import Inner, in_wide_cells, within
+from clsss.interreflection import PatchCoupling, PatchMatrices
 from clsss.layer import fitted_layer
 from clsss.lighting import Progress, Setup, Solution, interpolate, light, timed
 from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
@@ -29,7 +30,7 @@ from clsss.problem import checked_lights, checked_points
 from clsss.refinement import varies
 from clsss.report import account
 from clsss.single import DEPTHS, SingleScattering
-from clsss.surface import Shares, shares_at
+from clsss.surface import shares_at
 from clsss.validity import ConvergenceWarning
 
 P = ParamSpec("P")
@@ -112,7 +113,7 @@ class Result:
     def _at(self, points: np.ndarray, field: np.ndarray) -> np.ndarray:
         """A field of the cut cells at points on or near the surface."""
         shares = shares_at(self._setup.device, self._setup.octree, points)
-        return np.multiply(_at_surface(shares, field)[0], self._solution.unit, dtype=float)
+        return np.multiply(shares.carry(field)[0], self._solution.unit, dtype=float)
 
     @cached_property
     def _once(self) -> SingleScattering:
@@ -259,22 +260,27 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
                 f"{mesh.name}: no cell of the grid lies inside at resolution {resolution}; raise the resolution: it is "
                 f"{validity.thickness_of(mesh):.2g} mm thick on average, cells are {grid.h:.2g} mm wide"
             )
-        coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
-        multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
-        layer = fitted_layer(dev, tree, coefficients)
-        dev.finish()
         give_back()
     validity.warn_unresolved(tree.thickness, grid.h, int(resolution))
     with timed("exchange", seconds, tell):
         opaque = opaque_triangles(blockers)
         shadows = None if opaque is None else RayCaster(opaque)
         exchange = trace_exchange(tree, medium.eta, shadows, lambda f: tell("exchange", f))
+        matrices = PatchMatrices(dev, exchange) if exchange else None
+        del exchange
     with timed("surface", seconds, reporter(None)):  # the device holds less now than when it has solved
         at_vertices = shares_at(dev, tree, mesh.vertices, mesh.normals)
         give_back()
-    setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, exchange, at_vertices, tuple(blockers), shadows,
+    with timed("octree", seconds, reporter(None)):  # only now: what it fills of the device nothing before needs
+        coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
+        multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
+        layer = fitted_layer(dev, tree, coefficients)
+        coupling = PatchCoupling(dev, multigrid.op, matrices, multigrid.e, multigrid.room) if matrices else None
+        del matrices
+        dev.finish()
+        give_back()
+    setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, coupling, at_vertices, tuple(blockers), shadows,
                   scattering == "split", float(tolerance), before)  # fmt: skip
-    del exchange
     return _bake(setup, medium, lights, None, seconds, start, tell)
 
 
@@ -284,7 +290,7 @@ def _bake(setup: Setup, medium: Any, lights: tuple[Any, ...], last: Solution | N
     solution, inside = light(setup, lights, last, seconds, tell)
     with timed("surface", seconds, tell):
         fields = [field for field in (solution.exitance, inside, solution.once) if field is not None]
-        at_vertices = _at_surface(setup.at_vertices, *fields)
+        at_vertices = setup.at_vertices.carry(*fields)
     seconds["total"] = seconds["load"] + perf_counter() - start
     if not solution.convergence.converged:
         worst = float(solution.convergence.residuals[-1].max())
@@ -292,9 +298,3 @@ def _bake(setup: Setup, medium: Any, lights: tuple[Any, ...], last: Solution | N
         text = f"the solve stopped after {solution.convergence.cycles} cycles at a residual of {worst:.1e}, short of "
         warnings.warn(text + f"the tolerance {setup.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=4)
     return Result(setup.mesh, medium, lights, account(setup, solution, seconds), setup, solution, at_vertices)
-
-
-def _at_surface(shares: Shares, *fields: np.ndarray) -> list[np.ndarray]:
-    """Fields of the cut cells at points of the surface; next to a shadow the fit may run below zero."""
-    values = shares @ np.concatenate(fields, axis=1, dtype=fields[0].dtype)
-    return np.split(np.maximum(values, 0, out=values), len(fields), axis=1)

@@ -75,6 +75,11 @@ class Shares:
             first = last
         return out
 
+    def carry(self, *fields: np.ndarray) -> list[np.ndarray]:
+        """Fields (n_cut, k) at the points; next to a shadow a fit may run below zero."""
+        values = self @ np.concatenate(fields, axis=1, dtype=fields[0].dtype)
+        return np.split(np.maximum(values, 0, out=values), len(fields), axis=1)
+
 
 def shares_at(device: Device, octree: Octree, points: np.ndarray, normals: np.ndarray | None = None) -> Shares:
     """What carries values at the boundary of the cut cells, such as fluence, to points on or near the surface.

@@ -9,7 +9,7 @@ from shapes import box_triangles, build_operator, build_tree, flask, hollow_sphe
 from clsss.boundary import Boundary
 from clsss.diffusion import Field
 from clsss.exchange import trace_exchange
-from clsss.interreflection import PatchCoupling
+from clsss.interreflection import PatchCoupling, PatchMatrices
 from clsss.lights import DirectionalLight
 from clsss.materials import Material, material
 from clsss.mesh import Mesh, load_mesh
@@ -40,7 +40,7 @@ def hollow(double):
 def test_levels_above_let_out_and_take_in_what_they_hold(hollow, depth):
     """Without absorption all that coarse cells hold leaves: their J.n is the diagonal's part, D times as scaled."""
     op, exchange, boundary = hollow
-    seen, k = boundary.above(exchange, depth)[-1], len(op.absorb) - 1 - depth
+    seen, k = list(boundary.above(exchange.share, depth))[-1], len(op.absorb) - 1 - depth
     areas = seen.share.T @ ((exchange.share > 0) @ boundary.area)  # of each cell, by patches
     D = np.array(op.medium.D[-1].tolist())[:3]
     np.testing.assert_allclose(areas * seen.leaving, D * op.absorb[k].get()[seen.cell, :3], rtol=1e-9)
@@ -52,7 +52,7 @@ def test_means_of_levels_above_are_means(hollow):
     """Constant light stays what it is, from patches to cells and back."""
     _, exchange, boundary = hollow
     lit = np.asarray((exchange.share > 0) @ boundary.area)[:, 0] > 0
-    for seen in boundary.above(exchange, 2):
+    for seen in boundary.above(exchange.share, 2):
         np.testing.assert_allclose(seen.blend @ np.ones(seen.blend.shape[1]), 1, rtol=1e-9)
         np.testing.assert_allclose((seen.share @ np.ones(seen.share.shape[1]))[lit], 1, rtol=1e-9)
 
@@ -64,9 +64,9 @@ def test_what_light_on_its_way_needs_is_lent_but_for_its_state(hollow):
     e = Field(device, op.octree)
     room = Room(device, e.lent())
     before = device.allocated
-    coupling = PatchCoupling(device, op, exchange, e, room)
+    coupling = PatchCoupling(device, op, PatchMatrices(device, exchange), e, room)
     held, p = device.allocated - before, exchange.share.shape[0]
-    above = boundary.above(exchange, 1)
+    above = list(boundary.above(exchange.share, 1))
     matrices = sum(4 * m.nnz + (4 + 8) * m.shape[0] + 8 for m in (exchange.blend, exchange.arriving, exchange.share))
     matrices += 2 * exchange.entering.nnz + 8 * p + sum(4 * m.nnz + 12 * m.shape[0] + 8 for m in (*above[0][3:],))
     state = 2 * 3 * 8 * p + 64
