@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clsss.errors import InputError
-from clsss.materials import rgb
+from clsss.materials import numbers, rgb
 
 
 def _strength(name: str, value: Any) -> np.ndarray:
@@ -105,11 +105,7 @@ class Emission:
         shape = (len(points), 3)
         if not callable(self.q0):
             return np.broadcast_to(self.q0, shape)
-        given = self.q0(points)
-        try:
-            values = np.asarray(given, float)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"q0: must give numbers at points (n, 3): {error}") from error
+        values = numbers("q0", self.q0(points))
         if values.shape == shape[:1]:
             values = values[:, None]
         if values.shape not in (shape, (len(points), 1)):
@@ -143,10 +139,7 @@ class EnvironmentLight:
     def __post_init__(self) -> None:
         if self.up not in ("y", "z"):
             raise InputError(f"up: must be 'y' or 'z', got {self.up!r}")
-        try:
-            radiance = np.array(self.radiance, float)
-        except (TypeError, ValueError):
-            raise InputError("radiance: needs a number, three, or an (h, w, 3) array") from None
+        radiance = numbers("radiance", self.radiance)
         if radiance.ndim < 3:
             radiance = _strength("radiance", radiance)
         elif radiance.ndim != 3 or radiance.shape[2] != 3 or radiance.size == 0:

@@ -52,6 +52,14 @@ def rgb(name: str, value: Any) -> np.ndarray:
     return array
 
 
+def numbers(name: str, values: Any) -> np.ndarray:
+    """A copy of the values as an array of float64, or an InputError that names the field."""
+    try:
+        return np.array(values, float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: needs an array of numbers, got {repr(values)[:60]}") from None
+
+
 def check_coefficients(sigma_a: np.ndarray, sigma_s: np.ndarray, name_s: str = "sigma_s") -> None:
     """InputError unless sigma_a >= 0 and sigma_s > 0, all finite."""
     for name, array in (("sigma_a", sigma_a), (name_s, sigma_s)):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from clsss.errors import InputError
-from clsss.materials import Medium, check_boundary, check_coefficients, number, rgb
+from clsss.materials import Medium, check_boundary, check_coefficients, number, numbers, rgb
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ class Voxels:
     spacing: np.ndarray
 
     def __post_init__(self) -> None:
-        values = np.array(self.values, float)
+        values = numbers("values", self.values)
         if values.ndim != 3 or values.size == 0 or not np.all(np.isfinite(values)):
             raise InputError(f"values: needs finite numbers of shape (nx, ny, nz), got shape {values.shape}")
         if values.min() < 0 or values.max() > 1:
@@ -157,7 +157,7 @@ class Voxels:
 
 
 def _voxels(name: str, values: Any) -> np.ndarray:
-    array = np.array(values, float)
+    array = numbers(name, values)
     if array.ndim == 3:
         array = np.repeat(array[..., None], 3, axis=3)
     if array.ndim != 4 or array.shape[3] != 3 or array.size == 0:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from clsss.errors import InputError
-from clsss.materials import Material, check_boundary, check_coefficients, diffuse_reflectance
+from clsss.materials import Material, check_boundary, check_coefficients, diffuse_reflectance, numbers
 from clsss.srgb import srgb_decode
 
 _PAINTED = (0.01, 0.98)  # reflectance: no paint is blacker or whiter, and in pure white light would never end
@@ -45,10 +45,12 @@ class Inward:
 
     def __post_init__(self) -> None:
         g, eta = check_boundary(self.g, self.eta)
-        arrays = [np.array(values, float) for values in (self.points, self.sigma_a, self.sigma_s)]
-        for field, array in zip(("points", "sigma_a", "sigma_s"), arrays, strict=True):
-            if array.ndim != 2 or array.shape != (len(arrays[0]), 3) or not len(array):
-                raise InputError(f"{field}: needs shape ({len(arrays[0])}, 3), got {array.shape}")
+        fields = ("points", "sigma_a", "sigma_s")
+        arrays = [numbers(field, getattr(self, field)) for field in fields]
+        n = arrays[0].size // 3
+        for field, array in zip(fields, arrays, strict=True):
+            if not n or array.shape != (n, 3):
+                raise InputError(f"{field}: needs shape ({n or 'n'}, 3), got {array.shape}")
             object.__setattr__(self, field, array)
         check_coefficients(self.sigma_a, self.sigma_s)
         if not np.all(np.isfinite(self.points)):
@@ -59,7 +61,7 @@ class Inward:
     @classmethod
     def blend(cls, points: Any, weight: Any, a: Material, b: Material) -> Inward:
         """Two materials by a weight (n,) in 0..1 at the points: sigma_a and sigma_s' are blended."""
-        w = np.clip(np.asarray(weight, float), 0, 1)[:, None]
+        w = np.clip(numbers("weight", weight), 0, 1).reshape(-1, 1)
         g, eta = (a.g + b.g) / 2, (a.eta + b.eta) / 2
         reduced = (1 - w) * a.sigma_s_prime + w * b.sigma_s_prime
         return cls(points, (1 - w) * a.sigma_a + w * b.sigma_a, reduced / (1 - g), g, eta)
@@ -80,7 +82,7 @@ class Inward:
         s = np.linspace(np.sqrt(3), 0, 2001)  # finest where the albedo is near 1
         albedo = 1 - s * s / 3
         reflectance = diffuse_reflectance(albedo, material.eta)
-        colours = np.clip(np.asarray(colours, float), *_PAINTED)
+        colours = np.clip(numbers("colours", colours), *_PAINTED)
         reduced = np.interp(colours, reflectance, albedo) * material.sigma_tr
         return cls(points, material.sigma_tr - reduced, reduced / (1 - material.g), material.g, material.eta)
 

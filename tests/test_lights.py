@@ -59,7 +59,7 @@ def test_emission():
     np.testing.assert_allclose(Emission(lambda p: p).density(points), points)
     with pytest.raises(InputError, match="shape"):
         Emission(lambda p: np.zeros((2, 2))).density(points)
-    with pytest.raises(InputError, match="q0: must give numbers"):
+    with pytest.raises(InputError, match="q0: needs an array of numbers, got 'bright'"):
         Emission(lambda p: "bright").density(points)
     with pytest.raises(InputError, match="not negative"):
         Emission(lambda p: -p[:, 0]).density(points)

@@ -152,6 +152,8 @@ def test_grid_names_what_is_wrong():
         Grid(ones, np.ones((3, 2, 2)), 0, 1)
     with pytest.raises(InputError, match="sigma_a: needs shape"):
         Grid(np.ones(3), ones, 0, 1)
+    with pytest.raises(InputError, match="sigma_a: needs an array of numbers, got 'dense'"):
+        Grid("dense", ones, 0, 1)
     with pytest.raises(InputError, match="sigma_s: must be above 0"):
         Grid(ones, 0 * ones, 0, 1)
     with pytest.raises(InputError, match="spacing"):

@@ -126,6 +126,11 @@ def test_coefficients_are_those_of_the_nearest_point():
 def test_points_and_coefficients_belong_together():
     with pytest.raises(InputError, match="sigma_a: needs shape"):
         Inward(np.zeros((2, 3)), np.zeros((1, 3)), np.ones((2, 3)))
+    for points, says in ((None, "shape"), (np.zeros(3), "shape"), ([[0, 0, 0], [1]], "an array of numbers")):
+        with pytest.raises(InputError, match=f"points: needs .*{says}"):
+            Inward(points, np.zeros((1, 3)), np.ones((1, 3)))
+    with pytest.raises(InputError, match="weight: needs an array of numbers, got 'half'"):
+        Inward.blend(np.zeros((1, 3)), "half", material("marble"), material("skin1"))
 
 
 @pytest.mark.parametrize("words", [(), ("marble", "ketchup")])
