@@ -75,10 +75,15 @@ def _pillow(path: Path) -> np.ndarray:
 
     try:
         with Image.open(path) as picture:
-            x = np.asarray(picture.convert("RGB"), float) / 255
+            if picture.mode in ("I", "F"):  # Pillow would clip them to bytes, and greys of 16 bits, too
+                raise InputError(f"{path}: has numbers of 32 bits; save it as .hdr or .exr")
+            is_deep = picture.mode.startswith("I;16")
+            x = np.asarray(picture if is_deep else picture.convert("RGB"), float)
+    except Image.DecompressionBombError as error:
+        raise InputError(f"{path}: is far larger than light from all around needs; scale it down") from error
     except OSError as error:
         raise InputError(f"{path}: is no picture that can be read (.hdr, .exr, .png and .jpg are)") from error
-    return srgb_decode(x)
+    return srgb_decode(np.repeat(x[..., None], 3, axis=2) / 65535 if is_deep else x / 255)
 
 
 def _rgbe(data: bytes) -> np.ndarray:
@@ -86,6 +91,8 @@ def _rgbe(data: bytes) -> np.ndarray:
     if header is None:
         raise ValueError("its rows must run from the top down ('-Y height +X width')")
     height, width = int(header[1]), int(header[2])
+    if height * width > 16 * len(data):  # two bytes stand for 127 numbers at most
+        raise ValueError(f"it promises {width} x {height} pixels, more than it holds")
     at = header.end()
     pixels = np.empty((height, width, 4), np.uint8)
     for row in pixels:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from clsss.errors import InputError
 from clsss.images import read_radiance
+from clsss.srgb import srgb_decode
 
 RADIANCE = np.random.default_rng(4).random((4, 8, 3)).astype("f4") * 1000
 
@@ -48,3 +50,25 @@ def test_a_missing_package_is_said(tmp_path, monkeypatch):
     (tmp_path / "sky.exr").write_bytes(b"v/1\x01")
     with pytest.raises(InputError, match=r"pip install 'clsss\[exr\]'"):
         read_radiance(tmp_path / "sky.exr")
+
+
+def test_greys_of_16_bits_are_not_clipped_to_bytes(tmp_path):
+    grey = np.linspace(0, 65535, 32).astype(np.uint16).reshape(4, 8)
+    Image.fromarray(grey).save(tmp_path / "deep.png")
+    expected = np.repeat(srgb_decode(grey / 65535)[..., None], 3, axis=2)
+    np.testing.assert_allclose(read_radiance(tmp_path / "deep.png"), expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "write_picture", "says"),
+    [
+        ("float.tif", lambda path: Image.fromarray(RADIANCE[..., 0]).save(path), "numbers of 32 bits; save it as .hdr"),
+        ("vast.png", lambda path: Image.new("1", (20000, 20000)).save(path), "far larger than light from all around"),
+        ("vast.hdr", lambda path: path.write_bytes(b"#?RADIANCE\n\n-Y 99999999 +X 99999999\n"), "more than it holds"),
+        ("text.png", lambda path: path.write_text("sky"), "is no picture"),
+    ],
+)
+def test_what_is_no_picture_of_light_is_said(tmp_path, name, write_picture, says):
+    write_picture(tmp_path / name)
+    with pytest.raises(InputError, match=says):
+        read_radiance(tmp_path / name)
