@@ -126,6 +126,9 @@ def besides(device: Recorder, cells: int, name: str) -> None:
     setup = Setup(device, mesh, tree, sampled, mg, layer, coupling, at_vertices, (), None, True, 1e-4, 0)
     sun = DirectionalLight((0.3, -1, 0.2))
     light(setup, (sun,), None, defaultdict(float), lambda stage, share: None)
+    for k in range(1, len(mg.e)):  # one by one, as cycles take only levels of many cells
+        mg.smooth(k)
+        mg.restrict(k)
     anderson = Anderson(device, Field(device, tree), mg.r, None)
     for _ in range(2):
         anderson.measure()

@@ -134,17 +134,11 @@ def total(a: Arguments) -> Arguments:
     return _partial_sums(a, a["x"])
 
 
-def solve_coarsest(a: Arguments) -> Arguments:
-    x, n = a["x"].copy(), a["n"]
-    x[:n] = np.einsum("ijc,jc->ic", a["inverse"], a["b"][:n, SPARE])
-    return {"x": x}
-
-
 MODELS = {
     model.__name__: model
     for model in (
         smooth, smooth_from_zero, residual, residual_of_leaves, reflux, leave_residual, restrict_residual, average,
-        prolong, copy_ghosts, combine, inner_product, total, solve_coarsest,
+        prolong, copy_ghosts, combine, inner_product, total,
     )
 }  # fmt: skip
 

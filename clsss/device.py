@@ -78,6 +78,15 @@ class Buffer:
         if self.nbytes:
             self.device.enqueue(lambda queue: cl.enqueue_copy(queue, self.data, other.data, byte_count=self.nbytes))
 
+    def move(self, whole: Buffer, first: int) -> None:
+        """Become a view of another buffer from byte `first` on, the contents with it."""
+        import pyopencl as cl
+
+        data = whole.data.get_sub_region(first, self.nbytes + BEYOND)
+        cl.enqueue_copy(self.device.queue, data, self.data, byte_count=self.nbytes)
+        self.device.allocated -= self._owned
+        self.data, self._owned = data, 0
+
     def rows(self, first: int, n: int) -> Buffer:
         """The `n` rows from `first` on, a view of the same memory; `first` in multiples of `Device.row_alignment`."""
         row = self.nbytes // self.shape[0]

@@ -141,6 +141,10 @@ class PerLevel(list[Buffer]):
         """Its memory beyond the last level, likewise."""
         return self._memory, self.start[-1], self._memory.shape[0]
 
+    def coarsest(self, n: int) -> Buffer:
+        """The first `n` levels, in one, and what follows each."""
+        return self.whole.rows(0, self.start[n])
+
 
 class Field(PerLevel):
     """One value per cell and ghost (n + n_ghost, 4), as cells gather from their neighbours.

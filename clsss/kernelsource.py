@@ -11,10 +11,10 @@ if not KERNEL_DIR.is_dir():
 
 # A driver takes longer to load a program than to hold some kernels more.
 _TOGETHER = (
-    ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson", "coarsest",
+    ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson",
      "exchange", "passage", "surface"),
     ("coefficients", "interpolation", "around", "gradient", "correct", "boundary", "smooth", "residual", "restrict",
-     "junction", "source", "moment", "layer", "attenuate", "entering"),
+     "junction", "fused", "source", "moment", "layer", "attenuate", "entering"),
 )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from clsss.anderson import Anderson, Coupling, Follower
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, Load, Operator, PerLevel, channels
+from clsss.fused import FusedLevels
 from clsss.residual import Residual
 from clsss.room import Room
 from clsss.rounding import Held, rounding_gain
@@ -91,9 +92,8 @@ class Multigrid:
         self._reflux = device.kernel("residual", "reflux", *d)
         self._ghosts = device.kernel("prolong", "copy_ghosts")
         self._prolong = device.kernel("prolong", "prolong")
-        self._coarsest = device.kernel("coarsest", "solve_coarsest")
         self._combine = device.kernel("reduce", "combine")
-        self._inverse = self._invert_coarsest()
+        self._fused = FusedLevels(op, self.e, self.r, self._invert_coarsest(), OVER, COARSE_SWEEPS)
         # captured by the last solve: the next replays the cycle, unless light is coupled otherwise
         self._cycle: Callable[[], None] | None = None
         self._coupling: Coupling | None = None
@@ -163,9 +163,8 @@ class Multigrid:
         level before and after the next.
         """
         levels, op, run = self.op.octree.levels, self.op, self.device.run
-        if k == 0:
-            n = levels[0].n
-            run(self._coarsest, n, n, self._inverse, self.r[0], self.e[0])
+        if k == 0 or (not coupling and k < self._fused.n):
+            self._fused.v_cycle(k, sweeps)
             return
         fine, coarse = levels[k], levels[k - 1]
         _, black, end = fine.colour_start

@@ -4,8 +4,7 @@
 #include "real.h"
 #include "conductance.h"
 #include "rows.h"
-#include "child.h"
-#include "junction.h"
+#include "cycle.h"
 
 /* Shares of a junction's cells in the transmissibility of its face: the sums over the finer faces they lie behind. */
 // cost junction_shares: 60R+60 B, 40 flop
@@ -47,15 +46,8 @@ __kernel void smooth_with_junctions(const int first, const int n, const REAL ome
                                     __global const int *restrict start, __global const int *restrict cell,
                                     __global const COND *restrict share, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
-    if (i >= first + n) return;
-    const int row = ROW_OF(i, rows);
-    REAL4 sum = colours_at(i, b), diagonal = SINK_AT(absorb, min(row, last));
-    for (int f = 0; f < 6; f++) {
-        const COND t = T_AT(T, 6 * row + f);
-        sum += t * value_beyond(nbr[6 * i + f], n_rows, start, cell, share, x);
-        diagonal += t;
-    }
-    x[i] = (1 - omega) * x[i] + omega * sum / diagonal;
+    const Junctions at = {n_rows, start, cell, share};
+    if (i < first + n) x[i] = relaxed(i, omega, nbr, rows, last, T, absorb, b, at, x);
 }
 
 // cost leave_residual_with_junctions: 45R+28 B, 76 flop
@@ -64,11 +56,6 @@ __kernel void leave_residual_with_junctions(const int n, __global const int *res
                                             __global const int *restrict start, __global const int *restrict cell,
                                             __global const COND *restrict share, __global REAL4 *x) {
     const int i = get_global_id(0);
-    if (i >= n) return;
-    const int row = ROW_OF(i, rows);
-    const REAL4 own = x[i];
-    REAL4 sum = colours_at(i, b) - SINK_AT(absorb, min(row, last)) * own;
-    for (int f = 0; f < 6; f++)
-        sum += T_AT(T, 6 * row + f) * (value_beyond(nbr[6 * i + f], n_rows, start, cell, share, x) - own);
-    x[i] = sum;
+    const Junctions at = {n_rows, start, cell, share};
+    if (i < n) x[i] = residual_at(i, nbr, rows, last, T, absorb, b, at, x);
 }

@@ -2,10 +2,17 @@
  *
  * The neighbour's number is n_rows + junction. Each of its cells has a share of the face's transmissibility.
  */
-REAL4 value_beyond(const int j, const int n_rows, __global const int *restrict start, __global const int *restrict cell,
-                   __global const COND *restrict share, __global const REAL4 *x) {
-    if (j < n_rows) return x[j];
+typedef struct {
+    int n_rows;
+    __global const int *restrict start, *restrict cell;
+    __global const COND *restrict share; /* 0: the level has no junctions */
+} Junctions;
+
+#define NO_JUNCTIONS ((Junctions){0, 0, 0, 0})
+
+REAL4 value_beyond(const int j, const Junctions at, __global const REAL4 *x) {
+    if (!at.share || j < at.n_rows) return x[j];
     REAL4 mean = (REAL4)(0);
-    for (int k = start[j - n_rows]; k < start[j - n_rows + 1]; k++) mean += share[k] * x[cell[k]];
+    for (int k = at.start[j - at.n_rows]; k < at.start[j - at.n_rows + 1]; k++) mean += at.share[k] * x[at.cell[k]];
     return mean;
 }

@@ -1,18 +1,15 @@
 /* prolong.cl -- corrections and values from a coarser level to a finer one. */
 #include "real.h"
-#include "weight.h"
+#include "conductance.h"
+#include "rows.h"
+#include "cycle.h"
 
-/* x_i += (1 - sum_d w_d) X_parent + sum_d w_d X_d, X_d the coarse cell beyond the outward face along d. */
 // cost prolong: 24R+20 B, 36 flop
 __kernel void prolong(const int first, const int n, __global const int *restrict nbr,
                       __global const int *restrict parent, __global const uchar4 *restrict weight,
                       __global const REAL4 *restrict x_coarse, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
-    if (i >= first + n) return;
-    const int4 share = convert_int4(weight[i - first]), up = share.wwww >> (int4)(0, 1, 2, 3) & 1;
-    const REAL4 w = convert_REAL4((int4)(share.xyz, WHOLE - share.x - share.y - share.z)) / WHOLE;
-    x[i] += w.w * x_coarse[parent[i]] + w.x * x_coarse[parent[nbr[6 * i + up.x]]] +
-            w.y * x_coarse[parent[nbr[6 * i + 2 + up.y]]] + w.z * x_coarse[parent[nbr[6 * i + 4 + up.z]]];
+    if (i < first + n) x[i] = prolonged(i, weight[i - first], nbr, parent, x_coarse, x);
 }
 
 /* Ghosts of a correction: the coarse cell's own value. */

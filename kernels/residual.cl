@@ -2,13 +2,13 @@
 #include "real.h"
 #include "conductance.h"
 #include "rows.h"
-#include "residual.h"
+#include "cycle.h"
 
 // cost residual: 38R+6C+28 B, 76 flop
 __kernel void residual(const int n, __global const int *restrict nbr, TWO_POINT,
                        __global const REAL *restrict b, __global const REAL4 *restrict x, __global REAL *restrict r) {
     const int i = get_global_id(0);
-    if (i < n) vstore3(residual_at(i, nbr, rows, last, T, absorb, b, x).xyz, i, r);
+    if (i < n) vstore3(residual_at(i, nbr, rows, last, T, absorb, b, NO_JUNCTIONS, x).xyz, i, r);
 }
 
 /* The same on the leaves of a coarser level: faces to covered cells are left to their fine faces (reflux). */
@@ -39,11 +39,7 @@ __kernel void reflux(const int n, const int n_fine, __global const int *restrict
                      __global const int *restrict rows, __global const REAL *restrict T_fine,
                      __global const REAL4 *restrict x_fine, __global REAL *restrict r) {
     const int m = get_global_id(0);
-    if (m >= n) return;
-    REAL4 sum = colours_at(interface[m], r);
-    for (int k = interface_start[m]; k < interface_start[m + 1]; k++) {
-        const int i = ghost_face[k] / 6, f = ghost_face[k] % 6;
-        sum += T_AT(T_fine, 6 * ROW_OF(i, rows) + f) * (x_fine[i] - x_fine[n_fine + k]);
-    }
-    vstore3(sum.xyz, interface[m], r);
+    if (m < n)
+        vstore3(refluxed(m, n_fine, interface, interface_start, ghost_face, rows, T_fine, x_fine, r).xyz, interface[m],
+                r);
 }

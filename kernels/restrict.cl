@@ -7,14 +7,13 @@
 #include "real.h"
 #include "conductance.h"
 #include "rows.h"
-#include "residual.h"
-#include "child.h"
+#include "cycle.h"
 
 // cost leave_residual: 39R+6C+28 B, 76 flop
 __kernel void leave_residual(const int n, __global const int *restrict nbr, TWO_POINT,
                              __global const REAL *restrict b, __global REAL4 *x) {
     const int i = get_global_id(0);
-    if (i < n) x[i] = residual_at(i, nbr, rows, last, T, absorb, b, x);
+    if (i < n) x[i] = residual_at(i, nbr, rows, last, T, absorb, b, NO_JUNCTIONS, x);
 }
 
 // cost restrict_residual: 19R+36 B, 12 flop
@@ -22,12 +21,7 @@ __kernel void restrict_residual(const int n, __global const int *restrict covere
                                 __global const int *restrict chain, __global const REAL4 *restrict residual,
                                 __global REAL *restrict b_coarse) {
     const int c = get_global_id(0);
-    if (c >= n) return;
-    const int red[4] = {0, 3, 5, 6};
-    REAL4 sum = (REAL4)(0);
-    for (int o = 0; o < 4; o++)
-        for (int next = child[8 * c + red[o]]; next != -1;) sum += residual[take_child(&next, chain)];
-    vstore3(sum.xyz, covered[c], b_coarse);
+    if (c < n) vstore3(sum_of_red(c, child, chain, residual).xyz, covered[c], b_coarse);
 }
 
 /* A covered cell's value is the mean of its children's. */

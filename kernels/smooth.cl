@@ -7,20 +7,14 @@
 #include "real.h"
 #include "conductance.h"
 #include "rows.h"
+#include "cycle.h"
 
 // cost smooth: 39R+6C+28 B, 68 flop
 __kernel void smooth(const int first, const int n, const REAL omega, __global const int *restrict nbr,
                      TWO_POINT, __global const REAL *restrict b, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
-    const int row = ROW_OF(i, rows);
-    REAL4 sum = colours_at(i, b), diagonal = SINK_AT(absorb, min(row, last));
-    for (int f = 0; f < 6; f++) {
-        const COND t = T_AT(T, 6 * row + f);
-        sum += t * x[nbr[6 * i + f]];
-        diagonal += t;
-    }
-    x[i] = (1 - omega) * x[i] + omega * sum / diagonal;
+    x[i] = relaxed(i, omega, nbr, rows, last, T, absorb, b, NO_JUNCTIONS, x);
 }
 
 /* The first half of the first sweep, from zero everywhere: neighbours have nothing to give. */
@@ -29,8 +23,5 @@ __kernel void smooth_from_zero(const int first, const int n, const REAL omega, T
                                __global const REAL *restrict b, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
-    const int row = ROW_OF(i, rows);
-    REAL4 diagonal = SINK_AT(absorb, min(row, last));
-    for (int f = 0; f < 6; f++) diagonal += T_AT(T, 6 * row + f);
-    x[i] = omega * colours_at(i, b) / diagonal;
+    x[i] = relaxed_from_zero(i, omega, rows, last, T, absorb, b);
 }

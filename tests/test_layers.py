@@ -56,7 +56,7 @@ LAYERS = {
     3: ["diffusion"],
     3.05: ["emission", "layer", "residual"],
     3.06: ["sums"],
-    3.1: ["beams", "anderson"],
+    3.1: ["beams", "anderson", "fused"],
     3.15: ["source"],
     3.2: ["rounding"],
     4: ["arguments", "multigrid", "surface"],

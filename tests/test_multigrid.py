@@ -25,9 +25,10 @@ from shapes import (
 from clsss import source
 from clsss.device import Device
 from clsss.diffusion import Field, Load
+from clsss.fused import FusedLevels
 from clsss.lights import DirectionalLight, Emission
 from clsss.materials import Material
-from clsss.multigrid import OVER, Multigrid
+from clsss.multigrid import COARSE_SWEEPS, OVER, Multigrid
 from clsss.residual import Residual
 
 MATERIAL = Material(sigma_a=(0.001, 0.01, 0.1), sigma_s=1.0, eta=1.3)
@@ -493,6 +494,44 @@ class Lumps:
     def coefficients(self, points):
         times = np.where(points[:, :1] > 0.3, 100.0, 1.0) * np.ones(3)
         return 0.001 * times, times
+
+
+@pytest.mark.parametrize(("make", "resolution"), [(pulley, 48), (partial(box, (20, 20, 20)), 64)])
+@pytest.mark.parametrize("medium", [MATERIAL, Lumps()], ids=["homogeneous", "heterogeneous"])
+def test_levels_of_few_cells_in_one_launch(device, make, resolution, medium):
+    """With junctions, and with leaves on several levels: the same bits as level by level, whatever sweeps there are."""
+    mg = multigrid_for(device, make(), medium, resolution)
+    levels, top = mg.op.octree.levels, len(mg.e) - 2
+    assert top >= 3
+    assert levels[top].n_ghost or all(level.junction_cell.shape[0] for level in levels[1:-1])
+    inverse, rng = mg._invert_coarsest(), np.random.default_rng(8)
+    b, stale = rng.normal(size=mg.r.whole.shape), rng.normal(size=mg.e.whole.shape)
+    found = {}
+    for few in (0, levels[top - 1].n, levels[top].n):
+        mg._fused = FusedLevels(mg.op, mg.e, mg.r, inverse, OVER, COARSE_SWEEPS, few)
+        for sweeps in (1, None):
+            mg.r.whole.set(b)
+            mg.e.whole.set(stale)
+            mg.v_cycle(top, sweeps=sweeps)
+            found[mg._fused.n, sweeps] = mg.e.whole.get(), mg.r.whole.get()
+    assert {n for n, _ in found} == {1, top, top + 1}
+    for (n, sweeps), fields in found.items():
+        for values, expected in zip(fields, found[1, sweeps], strict=True):
+            np.testing.assert_array_equal(values, expected, err_msg=f"{n} levels, {sweeps} sweeps")
+
+
+def test_levels_of_few_cells_by_many_lanes(single):
+    """As on devices that compute across work-items."""
+    mg = multigrid_for(single, pulley(), MATERIAL, 48)
+    mg._fused = FusedLevels(mg.op, mg.e, mg.r, mg._invert_coarsest(), OVER, COARSE_SWEEPS, mg.e[-2].shape[0])
+    assert mg._fused.n == len(mg.e) - 1
+    b, found = np.random.default_rng(9).normal(size=mg.r.whole.shape), []
+    for group in (1, 32):
+        mg._fused._group = group
+        mg.r.whole.set(b)
+        mg.v_cycle(len(mg.e) - 1)
+        found.append(mg.e.whole.get())
+    np.testing.assert_array_equal(*found)
 
 
 def test_slow_cycles_are_accelerated(double):
