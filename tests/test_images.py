@@ -63,12 +63,13 @@ def test_greys_of_16_bits_are_not_clipped_to_bytes(tmp_path):
     ("name", "write_picture", "says"),
     [
         ("float.tif", lambda path: Image.fromarray(RADIANCE[..., 0]).save(path), "numbers of 32 bits; save it as .hdr"),
-        ("vast.png", lambda path: Image.new("1", (20000, 20000)).save(path), "far larger than light from all around"),
+        ("vast.png", lambda path: Image.new("1", (60, 60)).save(path), "far larger than light from all around"),
         ("vast.hdr", lambda path: path.write_bytes(b"#?RADIANCE\n\n-Y 99999999 +X 99999999\n"), "more than it holds"),
         ("text.png", lambda path: path.write_text("sky"), "is no picture"),
     ],
 )
-def test_what_is_no_picture_of_light_is_said(tmp_path, name, write_picture, says):
+def test_what_is_no_picture_of_light_is_said(tmp_path, monkeypatch, name, write_picture, says):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
     write_picture(tmp_path / name)
     with pytest.raises(InputError, match=says):
         read_radiance(tmp_path / name)
