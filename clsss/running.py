@@ -7,6 +7,7 @@ nobody reads the output any more.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import sys
 import threading
@@ -76,6 +77,7 @@ def run_and_leave(command: Callable[[], None]) -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # whoever started the process has closed it
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    logging.getLogger().addHandler(logging.NullHandler())  # libraries log tracebacks of what they then put up with
     try:
         code = run(command)
     except SystemExit as stop:  # argparse: help or wrong usage

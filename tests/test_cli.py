@@ -6,6 +6,7 @@ import argparse
 import importlib
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 
 from clsss import cli, export, grammar, images, listing, options, request, running, scenefile, view
 from clsss.errors import DeviceError, InputError
@@ -406,7 +408,7 @@ def test_wrong_usage_is_one_line():
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory):
     path = tmp_path_factory.mktemp("mesh") / "ball.ply"
-    pytest.importorskip("trimesh").creation.icosphere(2, 10.0).export(path)
+    trimesh.creation.icosphere(2, 10.0).export(path)
     return path
 
 
@@ -447,6 +449,15 @@ def test_compare_prints_and_writes(tmp_path, ball):
     assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
 
 
+def test_what_libraries_log_is_not_shown(tmp_path, ball):
+    """Some exporters write normals to STL that are no numbers; trimesh does without them and logs a traceback."""
+    text = trimesh.load_mesh(ball).export(file_type="stl_ascii")
+    (tmp_path / "a.stl").write_text(re.sub("normal .*", "normal x y z", text, count=1))
+    done = clsss("info", tmp_path / "a.stl")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "surface: closed" in done.stdout
+
+
 def test_a_flat_card_is_a_blocker(tmp_path):
     (tmp_path / "card.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     scene = tmp_path / "s.toml"
@@ -457,7 +468,6 @@ def test_a_flat_card_is_a_blocker(tmp_path):
 
 
 def test_blockers_scale_with_the_mesh(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box([4, 4, 1]).apply_translation([0, 0, 5]).export(tmp_path / "wall.ply")
     args = parsed("--blocker", str(tmp_path / "wall.ply"))
     (wall,) = request.blockers_from(args, SimpleNamespace(report={"scale": 10.0}))
