@@ -108,7 +108,7 @@ def _read_obj(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Positions and faces of a Wavefront OBJ file; texture coordinates and normals do not split vertices."""
     vertices, faces = array("d"), array("q")
     text = io.BytesIO(data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" "))
-    for number, line in enumerate(io.TextIOWrapper(text, "utf-8", "replace"), 1):
+    for number, line in enumerate(io.TextIOWrapper(text, "utf-8-sig", "replace"), 1):
         fields = line.split()
         if not fields or fields[0] not in ("v", "f"):
             continue

@@ -322,8 +322,8 @@ def test_polygons_and_all_styles_of_obj(tmp_path):
     faces = "f 4/1/1 3/2/1 2/3/1 1/4/1\nf 5//1 6//1 7//1 8//1\nf 1/1 2/1 6/2 5/3\n"
     faces += "f -7 -6 -2 -3\nf 3 4 8 7\nf 4 1 5 8"
     path = tmp_path / "bóx with spaces.obj"
-    text = "mtllib none.mtl\no box\n" + box + "vn 0 0 1\nvt 0 0\nusemtl x\n" + faces
-    path.write_text(text, encoding="utf-8")
+    text = box + "mtllib none.mtl\no box\nvn 0 0 1\nvt 0 0\nusemtl x\n" + faces
+    path.write_text(text, encoding="utf-8-sig")  # some editors begin files with a mark
     mesh = load_mesh(path, size=1)
     assert len(mesh.vertices) == 8
     assert len(mesh.faces) == 12
