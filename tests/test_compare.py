@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from clsss.camera import Camera, fitted
-from clsss.compare import Comparison, Score, compare
+from clsss.compare import Comparison, Score, compare, noise_of
 from clsss.comparison_picture import RANGE, colours, interpolated, picture
 from clsss.dipole import dipole
 from clsss.errors import DeviceError, InputError
@@ -69,6 +69,12 @@ def test_noise_that_hides_an_error_is_said():
     assert c.table().count("hides") == 1
     assert "hides how far clsss" in c.table()
     assert f"< {bound:.2%}" in c.table()
+
+
+def test_noise_is_that_of_channels_which_share_their_paths():
+    """n points of one standard error s: rms s; of the sum, whose channels are off together, s / sqrt(n)."""
+    truth, stderr = np.full((100, 3), 2.0), np.full((100, 3), 0.1)
+    np.testing.assert_allclose(noise_of(truth, stderr), (0.05, 0.05 / 10, 2 * np.sqrt(2 / 100) * 0.05**2))
 
 
 def test_blockers_are_compared():

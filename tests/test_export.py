@@ -208,6 +208,15 @@ def test_exposure_weighs_triangles_by_the_area_that_is_seen(towards):
     assert export.display_scale(mesh, radiosity, towards) == pytest.approx(1 / white)
 
 
+@pytest.mark.parametrize(("dark", "stops"), [(0.9, 0), (0.4, 0), (0.2, 0.5), (0.1, 1), (0.025, 2), (1e-9, 2)])
+def test_exposure_brings_up_what_is_lit_from_behind(dark, stops):
+    """White and, on 60 % of the surface, dark: half the stops from there to 0.4 of white, two at most."""
+    mesh = SimpleNamespace(vertices=np.tile([[0, 0, 0], [1, 0, 0], [0, 1, 0]], (10, 1)).astype(float),
+                           faces=np.arange(30).reshape(-1, 3))  # fmt: skip
+    radiosity = np.repeat([3.0] * 4 + [3.0 * dark] * 6, 3)[:, None] * np.ones(3)
+    assert export.display_scale(mesh, radiosity) == pytest.approx(2**stops / 3)
+
+
 def test_far_from_the_origin_the_shape_survives(result, tmp_path):
     """Scans in world coordinates: single precision has steps of 0.5 mm there."""
     trimesh = pytest.importorskip("trimesh")

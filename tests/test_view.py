@@ -68,7 +68,7 @@ def test_grey_before_the_bake(renderer, square):
 
 @pytest.mark.parametrize("exposure", [0, -2])
 def test_pixels_are_the_radiosity(renderer, square, exposure):
-    radiosity, scale = np.array([0.05, 0.2, 0.35]), 2.0
+    radiosity, scale = np.array([0.05, 0.2, 0.399]), 2.0  # up to 0.8 of white
     renderer.set_mesh(square)
     renderer.set_radiosity(np.tile(radiosity, (4, 1)), scale)
     picture = renderer.picture(SIZE, front(square), exposure).astype(int)
@@ -93,6 +93,11 @@ def test_highlights_keep_their_hue_and_never_clip(renderer, square):
         values.append(renderer.picture(SIZE, front(square))[45, 80].astype(int))
     assert all(r > g > b for r, g, b in values)
     assert all(a[2] < b[2] for a, b in itertools.pairwise(values))
+    peak = 4.0  # Khronos PBR Neutral above its knee
+    top = 1 - 0.2**2 / (peak + 0.2 - 0.8)
+    white = 1 - 1 / (0.15 * (peak - top) + 1)
+    expected = (1 - white) * top * np.array([1, 0.5, 0.25]) + white * top
+    np.testing.assert_allclose(values[2], 255 * srgb_encode(expected), atol=1)
 
 
 def test_nan_is_black(renderer, square):
@@ -110,6 +115,20 @@ def test_a_fitted_mesh_fills_the_picture_and_nothing_is_cut(up, angles):
     seen = np.abs(clip[:, :3] / clip[:, 3:])
     assert seen.max() < 1
     assert seen[:, :2].max() == pytest.approx(0.88, abs=1e-9)
+
+
+def test_near_and_far_planes_hold_the_ball_that_is_asked_for():
+    camera = Camera(np.array([3.0, 4, 5]), 100.0, 30, 15)
+    ends = camera.target + np.outer([20.0, -20.0], camera.axes()[2])
+    clip = np.hstack([ends, np.ones((2, 1))]) @ camera.matrix(1.5, 20.0).T
+    np.testing.assert_allclose(clip[:, 2] / clip[:, 3], (-1, 1), rtol=1e-9)
+
+
+def test_orbits_end_before_the_camera_tips_over():
+    """Where the options end, too, so that what is seen can be kept."""
+    for over, most in ((1000, 89), (-1000, -89)):
+        assert Camera(np.zeros(3), 1.0).orbited(0, over).elevation == most
+        assert grammar.camera(f"0,{most}")[1] == most
 
 
 def test_axes_are_right_handed_and_up_is_up():
@@ -167,6 +186,47 @@ def test_the_light_can_be_asked_for_while_the_first_bake_runs(monkeypatch):
     assert window.baker.wishes.get()[0].direction[2] < 1
 
 
+@pytest.fixture
+def window(monkeypatch):
+    """One without a screen, whose mouse holds the button that `pressed` names."""
+    glfw = pytest.importorskip("glfw")
+    window = Window.__new__(Window)
+    monkeypatch.setattr(glfw, "get_mouse_button", lambda _, button: int(button == window.pressed))
+    monkeypatch.setattr(glfw, "get_key", lambda _, key: glfw.RELEASE)
+    monkeypatch.setattr(glfw, "get_window_size", lambda _: (800, 400))
+    window.pressed, window.window, window.pointer = glfw.MOUSE_BUTTON_RIGHT, None, (0, 0)
+    window.camera, window.exposure, window.moves_light = Camera(np.zeros(3), 100.0, 30, 10), 0.0, False
+    window.view, window.lights = View(None, None, 1.0), [DirectionalLight(-window.camera.axes()[2])]
+    window.baker = SimpleNamespace(wishes=queue.SimpleQueue())
+    window.renderer = SimpleNamespace(mesh=SimpleNamespace(bounds=np.array([[-1.0] * 3, [1.0] * 3])))
+    return window
+
+
+def test_the_mesh_stays_under_the_pointer_and_the_wheel_brings_it_nearer(window):
+    before = window.camera
+    window._dragged(None, 100, 40)
+    np.testing.assert_allclose(window.camera.target, before.panned(-0.25, 0.1).target)
+    window._scrolled(None, 0, 1)
+    assert window.camera.distance == pytest.approx(100 / 1.12)
+
+
+def test_the_lamp_follows_the_pointer(window):
+    """Light that comes from the camera comes from the right and from below after a drag to the lower right."""
+    window.pressed, window.moves_light = pytest.importorskip("glfw").MOUSE_BUTTON_LEFT, True
+    window._dragged(None, 50, 25)
+    (light,) = window.baker.wishes.get()
+    right, over, nearer = -light.direction @ window.camera.axes().T
+    assert right == pytest.approx(np.sin(np.radians(20)))
+    assert (over / nearer) == pytest.approx(-np.tan(np.radians(10)))
+    assert window.turned
+
+
+def test_keys_change_the_exposure_by_a_quarter_stop(window):
+    for letter, stops in (("+", 0.25), ("=", 0.5), ("-", 0.25), ("_", 0.0)):
+        window._typed(letter)
+        assert window.exposure == stops
+
+
 def test_overlay_grows_with_its_text_and_its_bar_with_progress():
     short, long = panel(["a"]), panel(["a", "key\tmeaning that is long"])
     assert long.shape > short.shape
@@ -186,7 +246,7 @@ def test_baker_reports_mesh_then_results_and_takes_the_last_lights(monkeypatch):
     monkeypatch.setattr("clsss.baker.bake", lambda args, mesh, progress: progress("solve", 0.5) or result("first"))
     monkeypatch.setattr("clsss.baker.display_scale", lambda mesh, radiosity, towards: 1.0)
     baker = Baker(LOOKING, lambda: None)
-    for lights in ("dropped", "last"):
+    for lights in ("dropped", "last", None):  # None: the camera alone has moved since
         baker.wishes.put(lights)
     baker.start()
     assert baker.events.get(timeout=60) == "mesh"
