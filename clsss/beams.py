@@ -29,15 +29,14 @@ from clsss.sums import GROUP, sum_of_parts, tiles
 
 
 @kept
-def ray_order(octree: Octree) -> tuple[list[np.ndarray], np.ndarray]:
-    """Leaves of each level, and the cut cells, in an order in which neighbours' rays meet the same cells."""
+def ray_order(octree: Octree) -> list[np.ndarray]:
+    """Full leaves of each level in an order in which neighbours' rays meet the same cells."""
     orders: list[np.ndarray] = []
     for level, ijk in zip(octree.levels[:-1], octree.positions(), strict=False):
         leaves = np.flatnonzero(level.leaf).astype(np.int32)
         orders.append(leaves[np.argsort(morton(ijk[leaves]), kind="stable")])
-    orders.append(octree.leaf_map.finest_by_bricks())
-    cut = octree.cut_index.get()[orders[-1]]
-    return orders, cut[cut >= 0]
+    finest = octree.leaf_map.finest_by_bricks()
+    return [*orders, finest[octree.cut_index.get()[finest] < 0]]
 
 
 def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
@@ -47,7 +46,7 @@ def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[An
         return (device.vector([octree.grid.h * t for t in total]),)
     parts = [a + s for a, s in zip(medium.sigma_a[::-1], medium.sigma_s[::-1], strict=True)]
     start = np.concatenate([[0], np.cumsum([len(p) for p in parts])]).astype(np.int32)
-    return device.array(channels(np.concatenate(parts)) * octree.grid.h), device.array(start)
+    return device.array(np.concatenate(parts) * octree.grid.h), device.array(start)
 
 
 def scattering(device: Device, octree: Octree, medium: Coefficients) -> Any:
@@ -85,17 +84,19 @@ class Beams:
         self.device, self.octree, self.medium = device, octree, medium.on_device(device)
         n_cut = octree.cut.n
         self.Q, self._F, room = lent or (Load(device, octree), Field(device, octree), Room(device))
+        body = octree.lend_body(leaves=not medium.homogeneous, room=room)
+        self._body = (*body, *extinction(device, octree, medium))
         self.Q.whole.fill(0)
         self.moment = device.zeros((n_cut, 3))
         self.wall = device.zeros((n_cut, 3)) if medium.g else None
-        self.lost = room.empty((n_cut, 3))
-        self.lost.fill(0)
+        self.lost = room.empty((n_cut, 3)) if medium.any_fitted else None
+        if self.lost:
+            self.lost.fill(0)
         self.incident = np.zeros(3)
-        orders, cut_order = ray_order(octree)
         self._F_B, self._aperture = room.empty((n_cut, 3)), room.array(octree.cut.aperture)
         self._position = octree.lend_positions(room)
-        self._orders, self._cut_order = [room.array(order) for order in orders], room.array(cut_order)
-        self._body = (*octree.lend_body(), *extinction(device, octree, medium))
+        orders = [room.array(order) for order in ray_order(octree)]
+        self._orders = [*enumerate(orders), (len(orders) - 1, body[-1])]
 
     @cached_property
     def _points(self) -> list[np.ndarray]:
@@ -130,15 +131,14 @@ class Beams:
         device, octree, cut, eta = self.device, self.octree, self.octree.cut, float(self.medium.eta)
         defines = self.medium.defines
         cells = device.kernel("attenuate", "beam_in_cells", *defines)
-        for k, (level, order) in enumerate(zip(octree.levels, self._orders, strict=True)):
-            n = order.shape[0]
-            device.run(cells, -(-n // device.lanes), n, level.depth, octree.grid.h, eta, where, strength, *self._body,
-                       order, self._position[k], self._F[k])  # fmt: skip
-            if level.n_ghost:
-                self._copy_ghosts(k)
+        for k, order in self._orders:
+            n, depth = order.shape[0], octree.levels[k].depth
+            device.run(cells, -(-n // device.lanes), n, depth, octree.grid.h, eta, where, strength, *self._body, order,
+                       self._position[k], self._F[k])  # fmt: skip
+        self._copy_ghosts()
         kernel = device.kernel("attenuate", "beam_at_boundary", *defines)
         device.run(kernel, -(-cut.n // device.lanes), cut.n, octree.grid.h, eta, where, strength, *self._body,
-                   self._cut_order, self._position[-1], cut.cell, self._F_B)  # fmt: skip
+                   self._position[-1], self._F_B)  # fmt: skip
 
     def _shade(self, light: DirectionalLight | PointLight) -> None:
         """No light where a blocker stands before it."""
@@ -151,13 +151,12 @@ class Beams:
             values = F.get()
             values[: len(points)][dark] = 0
             F.set(values)
-        for k in range(1, len(self.octree.levels)):
-            self._copy_ghosts(k)
+        self._copy_ghosts()
 
-    def _copy_ghosts(self, k: int) -> None:
-        level = self.octree.levels[k]
-        self.device.run(self.device.kernel("prolong", "copy_ghosts"), level.n_ghost, level.n_ghost, level.n,
-                        level.parent, self._F[k - 1], self._F[k])  # fmt: skip
+    def _copy_ghosts(self) -> None:
+        kernel = self.device.kernel("prolong", "copy_ghosts")
+        for k, level in enumerate(self.octree.levels):
+            self.device.run(kernel, level.n_ghost, level.n_ghost, level.n, level.parent, self._F[k - 1], self._F[k])
 
     def _deposit(self, where: Any) -> None:
         device, octree, cut, medium = self.device, self.octree, self.octree.cut, self.medium

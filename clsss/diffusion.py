@@ -74,6 +74,11 @@ class Coefficients:
             return ()
         return ("HETEROGENEOUS", "FITTED") if self.fitted.shape[0] else ("HETEROGENEOUS",)
 
+    @property
+    def any_fitted(self) -> bool:
+        """Whether exponentials are fitted anywhere."""
+        return any(self.fitted.tolist()) if self.homogeneous else self.fitted.shape[0] > 0
+
     def on_device(self, device: Device) -> Coefficients:
         """The same with D, sigma_a and sigma_s of all cells on the device, as long as that is kept."""
         if self.homogeneous or isinstance(self.D[0], Buffer):

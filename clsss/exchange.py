@@ -154,7 +154,7 @@ class _Tracer:
         self.tangents, self.bitangents = tangent_frame(self.normals)
         order = np.argsort(patch, kind="stable")
         self.members, self.first = order, np.searchsorted(patch[order], np.arange(patch.max() + 2))
-        self.rays, self._body = 0, octree.lend_body()
+        self.rays, self._body = 0, octree.lend_body(leaves=False)
 
     def trace(self, patches: np.ndarray, numbers: range) -> Iterator[tuple[np.ndarray, ...]]:
         """Rays of such numbers from each of `patches`, some at a time: as `_trace`."""

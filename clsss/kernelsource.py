@@ -11,7 +11,7 @@ if not KERNEL_DIR.is_dir():
 
 # A driver takes longer to load a program than to hold some kernels more.
 _TOGETHER = (
-    ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "prolong", "reduce", "anderson",
+    ("bin", "crossing", "distance", "cutcell", "octree", "clearance", "planes", "prolong", "reduce", "anderson",
      "exchange", "passage", "surface"),
     ("coefficients", "interpolation", "around", "gradient", "correct", "boundary", "smooth", "residual", "restrict",
      "junction", "fused", "source", "moment", "layer", "attenuate", "entering"),

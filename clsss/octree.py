@@ -17,6 +17,7 @@ import numpy as np
 from clsss.coarsening import DENSE, STEP, Cells, coarsen, coarsen_further, finest_cells, ordered
 from clsss.cutcell import CutCells, Grid, Samples, cut_moments
 from clsss.device import Buffer, Device
+from clsss.kept import kept
 from clsss.leafmap import LeafMap, clearance_map
 from clsss.level import Level, make_levels
 from clsss.refinement import Refine, pool, split_masks, spread
@@ -82,10 +83,19 @@ class Octree:
         """The leaf map as kernels take it (tree.h), on the device for as long as that is held: no solve needs it."""
         return self.leaf_map.on_device(self.device, self.grid)
 
-    def lend_body(self) -> tuple[Any, ...]:
-        """What rays run through, likewise (body.h), but for the medium's extinction."""
-        near, clearance, cut = self.device.array(self.near), self.device.array(self.clearance), self.cut
-        return (*self.lend_map(), near, clearance, self.cut_index, cut.boundary, cut.normal, cut.centroid)
+    def lend_cells(self, room: Room | None = None) -> tuple[Any, ...]:
+        """The leaf map and, in `room` if given, the clearance, likewise; the cut cells' places and boundaries."""
+        room, cut = room or Room(self.device), self.cut
+        clearance = room.array(self.near), room.array(self.clearance)
+        return (*self.lend_map(), *clearance, self.cut_index, cut.boundary, cut.normal)
+
+    def lend_body(self, leaves: bool = True, room: Room | None = None) -> tuple[Any, ...]:
+        """What rays run through, likewise (body.h), but for the extinction; `leaves`: whether they ask for leaves."""
+        device, room, n, n_cut = self.device, room or Room(self.device), self.near.size, self.cut.n
+        cells, plane = (*self.lend_cells(room), self.cut.centroid), room.empty((n_cut, 4))
+        planes = room.empty((8 * len(self.clearance),), np.int32), plane, room.empty((n_cut,), np.int32)
+        device.run(device.kernel("planes", "list_planes"), n, n, *cells, device.array(first_planes(self)), *planes)
+        return (self.grid.dims, *(cells[1:5] if leaves else [None] * 4), *cells[5:], *planes)
 
     @property
     def n_cells(self) -> int:
@@ -123,6 +133,13 @@ class Octree:
     def n_leaves(self) -> int:
         """Cells that no finer ones replace."""
         return self.n_cells - sum(level.covered.shape[0] for level in self.levels)
+
+
+@kept
+def first_planes(octree: Octree) -> np.ndarray:
+    """Number of the first plane of each block that `near` gives a number (kernels/planes.cl)."""
+    count = np.count_nonzero(octree.clearance == 0, axis=1)
+    return (np.cumsum(count) - count).astype(np.int32)
 
 
 def _find_coarser(cells: Cells, coarser: Cells) -> None:

@@ -135,7 +135,7 @@ def make_source(device: Device, octree: Octree, medium: Coefficients, lights: li
         if progress is not None:
             progress(done / len(collimated))
     b = beams.Q
-    lost += total(device, beams.lost)
+    lost += total(device, beams.lost) if beams.lost else 0
     deposited = lost + total(device, b.whole)
     if medium.homogeneous:
         n = b.whole.shape[0]

@@ -104,7 +104,7 @@ def shares_at(device: Device, octree: Octree, points: np.ndarray, normals: np.nd
         centre, direction = boundary_points(octree)
         normals = normals.copy()
         normals[unknown] = direction[cKDTree(centre).query(points[unknown])[1]]
-    cells, parts, nearest = octree.lend_body()[:-1], [], None
+    cells, parts, nearest = octree.lend_cells(), [], None
     place = np.uint16 if octree.cut.n <= 1 << 16 else np.int32
     for first in range(0, n, CHUNK):
         some = points[first : first + CHUNK]

@@ -47,23 +47,22 @@ __kernel void beam_in_cells(const int n, const int depth, const REAL h, const RE
     }
 }
 
-/* F at the boundary of the cut cells, on its inner side. One work-item for LANES cells. */
+/* F at the boundary of the cut cells, on its inner side. One work-item for LANES cells, in the order of planes. */
 // cost beam_at_boundary: 176R+384 B, 16000 flop  (16 lanes)
 __kernel void beam_at_boundary(const int n, const REAL h, const REAL eta, const REAL4 light, const REAL4 strength,
-                               BODY, __global const int *restrict order, __global const ushort *restrict position,
-                               __global const int *restrict cut_cell, __global REAL *restrict F_B) {
+                               BODY, __global const ushort *restrict position, __global REAL *restrict F_B) {
     const int first = LANES * get_global_id(0), count = min(LANES, n - first);
     if (count <= 0) return;
     const Body body = BODY_ARGUMENTS;
     REAL4 p[LANES];
     for (int l = 0; l < LANES; l++) {
-        const int c = order[first + min(l, count - 1)];
-        p[l] = corner_of(cut_cell[c], position) + boundary[c];
+        const int i = plane_cell[first + min(l, count - 1)];
+        p[l] = corner_of(i, position) + boundary[cut_index[i]];
     }
     Beam beam[LANES];
     const Passage met = met_by_beams(body, light, p, count, beam);
     for (int l = 0; l < count; l++) {
-        const int c = order[first + l], entry = met.entry.at[l] < 0 ? c : met.entry.at[l];
+        const int c = cut_index[plane_cell[first + l]], entry = met.entry.at[l] < 0 ? c : met.entry.at[l];
         const REAL4 F = reduced_irradiance(body, h, eta, light, strength, beam[l], met.tau[l], entry);
         vstore3(F.xyz, c, F_B);
     }

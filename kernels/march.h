@@ -7,22 +7,24 @@
 #include "rays.h"
 #include "slice.h"
 
-/* Bound the cells that are like those the rays are in; codes of the leaves where these bound them. */
-void look_around(const Body body, Axis *axis, const Ints place, Ints *kind, Ints *code) {
-    Ints whole; /* bits of a cell's coordinates that its block's other cells differ in, where these are all alike */
-    for (int l = 0; l < LANES; l++) {
-        const int near = body.near[place.at[l] >> 9];
-        kind->at[l] = near < 0 ? -1 - near : body.clearance[512 * near + (place.at[l] & 511)];
-        whole.at[l] = near < 0 ? 7 : 0;
-    }
-    const INTN around = max(kind->all & 127, 1) - 1;
+/* Bound the cells that are like those the rays are in: `near` of their blocks, their kinds, and codes of the leaves
+ * where these bound them. */
+static void look_around(const Body body, Axis *axis, const Ints place, Ints *near, Ints *kind, Ints *code) {
+    near->all = gather(body.near, place.all >> 9);
+    const INTN alike = near->all >> 31; /* a block of one kind */
+    kind->all = gather_bytes(body.clearance, 512 * max(near->all, 0) + (place.all & 511));
+    kind->all = CHOOSE(kind->all, -1 - near->all, alike);
+    const INTN around = CHOOSE((kind->all & 127) - 1, (INTN)(0), IS_CUT(kind->all));
+    const INTN whole = alike & 7; /* bits of coordinates within a block */
+#pragma unroll
     for (int a = 0; a < 3; a++) {
-        axis[a].low = (axis[a].cell.all & ~whole.all) - around;
-        axis[a].high = (axis[a].cell.all | whole.all) + around;
+        axis[a].low = (axis[a].cell.all & ~whole) - around;
+        axis[a].high = (axis[a].cell.all | whole) + around;
     }
 #ifdef HETEROGENEOUS
-    for (int l = 0; l < LANES; l++) code->at[l] = kind->at[l] > 127 ? code_at(body, place.at[l]) : 0;
-    const INTN depth = code->all & 15, full = kind->all > 127;
+    const INTN full = kind->all > 127;
+    code->all = CHOOSE((INTN)(0), codes_at(body, CHOOSE((INTN)(0), place.all, full)), full);
+    const INTN depth = code->all & 15;
     for (int a = 0; a < 3; a++) {
         const INTN low = (axis[a].cell.all >> depth) << depth;
         axis[a].low = CHOOSE(axis[a].low, low, full);
@@ -31,19 +33,27 @@ void look_around(const Body body, Axis *axis, const Ints place, Ints *kind, Ints
 #endif
 }
 
-/* Add a length inside to the optical depths; where these exceed what matters, the ray need not go on. */
-void attenuate(const Body body, const Reals length, const Ints code, const REALN distance, Reals *t, Passage *met) {
+/* Add lengths inside to the optical depths. */
+static void attenuate(const Body body, const Reals length, const Ints code, Passage *met) {
     met->solid.all += length.all;
 #ifdef HETEROGENEOUS
     for (int l = 0; l < LANES; l++) {
         if (!(length.at[l] > 0)) continue;
         const int c = code.at[l];
-        met->tau[l] += body.extinction[body.depth_start[c & 15] + (c >> 4)] * length.at[l];
-        if (all(met->tau[l] > OPAQUE)) t->at[l] = INFINITY;
+        met->tau[l] += colours_at(body.depth_start[c & 15] + (c >> 4), body.extinction) * length.at[l];
     }
+#endif
+}
+
+/* Which rays need not go on, for their optical depth exceeds what matters. */
+static INTN opaque(const Body body, const Passage *met) {
+#ifdef HETEROGENEOUS
+    Ints dark;
+    for (int l = 0; l < LANES; l++) dark.at[l] = -all(met->tau[l] > OPAQUE);
+    return dark.all;
 #else
     const REAL least = fmin(body.extinction.x, fmin(body.extinction.y, body.extinction.z));
-    t->all = CHOOSE(t->all, distance, met->solid.all * least > OPAQUE);
+    return convert_INTN(met->solid.all * least > OPAQUE);
 #endif
 }
 
@@ -54,28 +64,43 @@ Passage march(const Body body, Rays rays) {
     met.entry.all = (INTN)(-1);
     met.solid.all = (REALN)(0);
     for (int l = 0; l < LANES; l++) met.tau[l] = (REAL4)(0);
-    Reals t;
-    t.all = (REALN)(0);
-    while (SOME(convert_INTN(t.all < rays.distance.all))) {
-        Ints place, kind, code;
-        Reals end, length;
+    REALN t = (REALN)(0);
+    INTN on = convert_INTN(t < rays.distance.all);
+    while (SOME(on)) {
+        Ints place, near, kind, code;
+        Reals length;
         place.all = place_of(body.tree.dims, axis[0].cell.all, axis[1].cell.all, axis[2].cell.all);
-        look_around(body, axis, place, &kind, &code);
-        const REALN least = way_out(axis);
-        end.all = lesser(rays.distance.all, greater(t.all, least));
-        length.all = greater(end.all - t.all, (REALN)(0)) * convert_REALN(kind.all >> 7);
-        if (SOME(kind.all == 0)) cross_cut_cells(body, &rays, place, kind, t, end, &length, &code, &met);
-        t = end;
-        attenuate(body, length, code, rays.distance.all, &t, &met);
-        const INTN on = convert_INTN(t.all < rays.distance.all);
+        look_around(body, axis, place, &near, &kind, &code);
+        const REALN least = way_out(axis), end = lesser(rays.distance.all, greater(t, least));
+        length.all = greater(end - t, (REALN)(0)) * convert_REALN(kind.all >> 7);
+#ifndef OUTSIDE
+        on &= ~opaque(body, &met); /* after the step before: this one's need not be waited for */
+#endif
+        const INTN hit = on & IS_CUT(kind.all);
+        if (SOME(hit)) {
+            const Planes planes = planes_at(body, near.all, place.all, kind.all, hit);
+            cross_cut_cells(axis, planes, hit, t, end, &length, &met);
+#ifdef HETEROGENEOUS
+            code.all = CHOOSE(code.all, 16 * gather(body.plane_cell, planes.number), hit);
+#endif
+        }
+        attenuate(body, length, code, &met);
+#ifdef OUTSIDE
+        on &= ~opaque(body, &met);
+#endif
+        t = CHOOSE(rays.distance.all, end, FOR_REALS(on));
+        on = convert_INTN(t < rays.distance.all);
+#pragma unroll
         for (int a = 0; a < 3; a++) {
             const INTN beyond = CHOOSE(axis[a].low - 1, axis[a].high + 1, convert_INTN(axis[a].inverse > 0));
-            const INTN at = convert_INTN(axis[a].from.all + t.all * axis[a].to.all);
+            const INTN at = convert_INTN(axis[a].from.all + t * axis[a].to.all);
             const INTN leaves = convert_INTN(axis[a].leave <= least);
             const INTN next = CHOOSE(clamp(at, axis[a].low, axis[a].high), beyond, leaves);
             axis[a].cell.all = CHOOSE(axis[a].cell.all, next, on);
         }
     }
+    for (int l = 0; l < LANES; l++)
+        if (met.entry.at[l] >= 0) met.entry.at[l] = body.cut_index[body.plane_cell[met.entry.at[l]]];
 #ifndef HETEROGENEOUS
     for (int l = 0; l < LANES; l++) met.tau[l] = body.extinction * met.solid.at[l];
 #endif

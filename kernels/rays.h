@@ -32,7 +32,8 @@ void set_ray(Rays *rays, const int lane, const REAL4 p, const Beam beam) {
 }
 
 /* How far along the rays they leave the cells from low to high. */
-REALN way_out(Axis *axis) {
+static REALN way_out(Axis *axis) {
+#pragma unroll
     for (int a = 0; a < 3; a++) {
         const INTN up = convert_INTN(axis[a].inverse > 0);
         axis[a].leave = (convert_REALN(CHOOSE(axis[a].low, axis[a].high + 1, up)) - axis[a].from.all) * axis[a].inverse;
@@ -41,8 +42,9 @@ REALN way_out(Axis *axis) {
 }
 
 /* Rays at their start; they end where the grid's outermost cells begin, which are empty. */
-void start(Rays *rays, const int4 dims) {
+static void start(Rays *rays, const int4 dims) {
     const int size[3] = {dims.x, dims.y, dims.z};
+#pragma unroll
     for (int a = 0; a < 3; a++) {
         Axis *axis = rays->axis + a;
         const REALN to = axis->to.all;
