@@ -59,7 +59,7 @@ class Mix:
 
     def coefficients(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """sigma_a and sigma_s [1/mm], (n, 3) each, at points (n, 3) [mm]."""
-        weight = np.asarray(self.weight(points), float)
+        weight = numbers("weight", self.weight(points))
         if weight.shape != (len(points),) or not np.all(np.isfinite(weight)):
             raise InputError(f"weight: must give {len(points)} finite numbers, gave shape {weight.shape}")
         w = np.clip(weight, 0, 1)[:, None]

@@ -121,6 +121,9 @@ def test_monte_carlo_is_interpolated_between_its_points():
     linear = c.mesh.vertices[c.points]
     near = interpolated(Comparison(**{**c.__dict__, "truth": linear}))
     np.testing.assert_allclose(near[c.points], linear, atol=1e-6)
+    mesh = SimpleNamespace(vertices=np.diag([0.0, 1, 2]), normals=np.tile([0, 0, 1.0], (3, 1)), size=1.0)
+    found = interpolated(SimpleNamespace(mesh=mesh, points=np.array([1, 2]), truth=np.array([[5.0], [10.0]])))
+    assert found[0] == pytest.approx((5 / 1 + 10 / 4) / (1 / 1 + 1 / 4))  # by inverse squares of 1 and 2
 
 
 def test_colours_are_white_at_zero_and_stop_at_the_range():

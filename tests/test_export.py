@@ -140,6 +140,8 @@ def test_any_name_and_nothing_left_over(result, tmp_path, suffix):
     path = tmp_path / f"größe und 空白{suffix.upper()}"
     export.save(result, path, exposure=1)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
+    (tmp_path / "other").touch()
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode  # readable by whom all new files are
 
 
 def test_exposure_is_in_stops(result, tmp_path):
