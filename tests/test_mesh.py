@@ -253,6 +253,26 @@ def test_bowl_is_filled():
     np.testing.assert_allclose(numbers, [1, 0], atol=1e-9)
 
 
+def test_bowl_beside_a_body_is_filled_as_well():
+    """Too deep for a sheet: its rim is shorter than that of any flat piece of its area."""
+    angle = np.radians(np.linspace(0, 66, 12))
+    cap = trimesh.creation.revolve(np.stack([np.sin(angle), np.cos(angle)], axis=1), sections=64)
+    mesh = load_mesh(together(cap, sphere(3, centre=(5, 0, 0))))
+    assert "capped 1 hole of 64 open edges" in mesh.report["repairs"]
+    height = 1 - np.cos(angle[-1])
+    assert volume(mesh) == pytest.approx(sphere(3).volume + np.pi * height**2 * (3 - height) / 3, rel=0.02)
+
+
+def test_with_many_holes_nothing_is_capped():
+    """A ball that lacks a sixth of its triangles: the inside is where the rest winds round."""
+    holed = sphere(3)
+    holed.update_faces(np.random.default_rng(0).random(len(holed.faces)) > 1 / 6)
+    mesh = load_mesh(holed)
+    assert mesh.report["repairs"][0].startswith("too many edges are open to cap holes")
+    assert not mesh.closed
+    assert contains(mesh, np.array([[0, 0, 0.7], [0, 0, 1.3]])).tolist() == [True, False]
+
+
 def test_holes_that_touch_in_one_vertex():
     source = sphere(3)
     around = np.flatnonzero((source.faces == 50).any(axis=1))
