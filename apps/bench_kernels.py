@@ -38,7 +38,7 @@ from clsss.diffusion import Field
 from clsss.dipole import dipole
 from clsss.exchange import trace_exchange
 from clsss.fresnel import fresnel_A
-from clsss.interreflection import PatchCoupling, PatchMatrices
+from clsss.interreflection import PatchMatrices, coupled
 from clsss.layer import fitted_layer
 from clsss.lighting import Setup, light
 from clsss.montecarlo import estimate
@@ -118,10 +118,9 @@ def besides(device: Recorder, cells: int, name: str) -> None:
     grid = cutcell.make_grid(mesh.bounds, problems.cells_along(mesh))
     tree = octree.build(device, grid, cutcell.sample_surface(device, grid, mesh), varies(medium))
     sampled = diffusion.sample_medium(device, tree, medium, fresnel_A(medium.eta))
-    mg = Multigrid(device, diffusion.make_operator(device, tree, sampled))
     layer, exchange = fitted_layer(device, tree, sampled), trace_exchange(tree, medium.eta)
     assert exchange
-    coupling = PatchCoupling(device, mg.op, PatchMatrices(device, exchange), mg.e, mg.room)
+    mg, coupling = coupled(device, diffusion.make_operator(device, tree, sampled), PatchMatrices(device, exchange))
     at_vertices = shares_at(device, tree, mesh.vertices, mesh.normals)
     setup = Setup(device, mesh, tree, sampled, mg, layer, coupling, at_vertices, (), None, True, 1e-4, 0)
     sun = DirectionalLight((0.3, -1, 0.2))

@@ -22,6 +22,8 @@ from clsss.device import Buffer
 from clsss.diffusion import Operator
 from clsss.surface import boundary_normals
 
+CHUNK = 1 << 15  # cut cells at a time, so that what is reckoned with takes little memory
+
 
 class Above(NamedTuple):
     """The boundary, as seen from the n_above cells of a level that lie over cut ones.
@@ -60,12 +62,20 @@ class Boundary:
     def __init__(self, op: Operator):
         octree, medium, cut = op.octree, op.medium, op.octree.cut
         self.op, self._cut_cell = op, cut.cell.get()
-        away = (cut.boundary.get() - cut.centroid.get())[:, :3]
-        depth = octree.grid.h * np.maximum((away * boundary_normals(octree)).sum(axis=1, keepdims=True), 0.1)
-        D = np.array(medium.D_cut.tolist()) if medium.homogeneous else medium.D_cut.get().astype(float)
-        self.area = cut.boundary.get()[:, 3:].astype(float) * octree.grid.h**2
-        self.per_area = (1 / (2 * medium.fresnel_A + depth / D[..., :3])).astype(away.dtype)
-        self._scale = 1 / D[..., :3] if medium.homogeneous else np.ones(3)
+        D = np.array(medium.D_cut.tolist())[:3] if medium.homogeneous else np.ones(3)
+        self.area, self.per_area = np.empty((cut.n, 1)), np.empty((cut.n, 3), op.irregular.device.real)
+        for first in range(0, cut.n, CHUNK):
+            some = slice(first, first + CHUNK)
+            m = len(self.area[some])
+            boundary = cut.boundary.get(first, m)
+            away = (boundary - cut.centroid.get(first, m))[:, :3]
+            below = (away * boundary_normals(octree, first, m)).sum(axis=1, keepdims=True)
+            over_D = octree.grid.h * np.maximum(below, 0.1) / D
+            if not medium.homogeneous:
+                over_D /= medium.D_cut.get(first, m)[:, :3]
+            self.area[some] = boundary[:, 3:].astype(float) * octree.grid.h**2
+            self.per_area[some] = 1 / (2 * medium.fresnel_A + over_D)
+        self._scale = 1 / D
 
     def above(self, share: sparse.csr_matrix, depth: int) -> Iterator[Above]:
         """The same for the `depth` levels above the finest, from the finest of them, for patches' means (p, n_cut).

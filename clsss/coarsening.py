@@ -19,6 +19,7 @@ from scipy.sparse import csgraph
 STEP = [(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0), (0, 0, -1), (0, 0, 1)]
 LOOSE = np.array([-1, -1, 0, 1, 2, 4, 5, 7, 9])  # most open faces inside a block of so many cells in two parts
 SLAB = 8  # layers of a grid at a time, so that lists of places take little memory
+CHUNK = 1 << 14  # cells whose neighbours are sought at a time
 DENSE = 64  # most cells of the coarsest level, whose inverse is dense
 
 
@@ -110,8 +111,7 @@ def coarsen(fine: Cells, shape: tuple[int, ...], ijk: np.ndarray, leaf: np.ndarr
     """
     n = len(ijk)
     index = index_map(shape, ijk)
-    x, y, z = (fine.ijk >> 1).T + 1
-    parent = index[z, y, x]
+    parent = _around(fine.ijk, index, [(0, 0, 0)], 1)[:, 0]
     parent, block = _split(fine, parent, n)
     if whole:
         parent, block = np.append(np.arange(n), block).astype(np.int32)[parent], block[:0]
@@ -126,7 +126,7 @@ def coarsen(fine: Cells, shape: tuple[int, ...], ijk: np.ndarray, leaf: np.ndarr
     leaf = np.concatenate([leaf, np.zeros(len(block), bool)])[order]
     surface = np.zeros(len(order), bool)
     surface[parent[fine.surface]] = True
-    nbr, more = _link(fine, parent, surface, leaf, _by_position(ijk, index))
+    nbr, more = _link(fine, parent, surface, leaf, _around(ijk, index, STEP))
     start = (0, n_red + int((block < n_red).sum()), len(order))
     return Cells(ijk, leaf, start, index, nbr, more, surface, shares[order]), parent
 
@@ -176,13 +176,16 @@ def _split(fine: Cells, parent: np.ndarray, n: int) -> tuple[np.ndarray, np.ndar
     return parent, block[order][again]
 
 
-def _by_position(ijk: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Cells (n, 6) at the six positions around each; -1: none."""
-    nbr = np.empty((len(ijk), 6), np.int32)
-    for face, step in enumerate(STEP):
-        x, y, z = (ijk + step + 1).T
-        nbr[:, face] = index[z, y, x]
-    return nbr
+def _around(ijk: np.ndarray, index: np.ndarray, steps: list[tuple[int, int, int]], above: int = 0) -> np.ndarray:
+    """Cells (n, k) at positions (n, 3), or of those that hold them some levels `above`, and k steps on; -1: none."""
+    found = np.empty((len(ijk), len(steps)), np.int32)
+    flat, (_, ny, nx) = index.ravel(), index.shape
+    for first in range(0, len(ijk), CHUNK):
+        x, y, z = (ijk[first : first + CHUNK] >> above).astype(np.int64).T + 1
+        place = (z * ny + y) * nx + x
+        for k, (dx, dy, dz) in enumerate(steps):
+            found[first : first + CHUNK, k] = flat[place + (dz * ny + dy) * nx + dx]
+    return found
 
 
 def _link(fine: Cells, parent: np.ndarray, surface: np.ndarray, leaf: np.ndarray,
@@ -193,27 +196,37 @@ def _link(fine: Cells, parent: np.ndarray, surface: np.ndarray, leaf: np.ndarray
     """
     rows = np.flatnonzero(surface[parent])
     upper = (fine.ijk[rows] & 1).astype(bool)
-    links = []
+    links: list[tuple[np.ndarray, np.ndarray]] = []  # 6 cell + face, neighbour
     for face in range(6):
         i = rows[upper[:, face >> 1] == (face & 1)]
         j, by_position = fine.nbr[i, face], nbr[parent[i], face]
         beyond = np.where(j >= 0, parent[j], np.where((by_position >= 0) & leaf[by_position], by_position, -1))
         i, beyond = i[beyond >= 0], beyond[beyond >= 0]
-        links.append(np.stack([parent[i], np.full(len(i), face, np.int32), beyond], axis=1))
-    a, face, b = fine.more.T
-    links.append(np.stack([parent[a], face, parent[b]], axis=1)[parent[a] != parent[b]])
-    link = np.concatenate(links)
-    back = link[~surface[link[:, 2]]]
-    link = np.concatenate([link, np.stack([back[:, 2], back[:, 1] ^ 1, back[:, 0]], axis=1)])
+        links.append((6 * parent[i] + face, beyond))
+    i, face, j = fine.more[parent[fine.more[:, 0]] != parent[fine.more[:, 2]]].T
+    links.append((6 * parent[i] + face, parent[j]))
+    for link, beyond in links[:]:
+        inner = ~surface[beyond]
+        links.append((6 * beyond[inner] + (link[inner] % 6 ^ 1), link[inner] // 6))
     nbr[surface] = -1
-    nbr[link[:, 0], link[:, 1]] = link[:, 2]
-    more = np.unique(link[nbr[link[:, 0], link[:, 1]] != link[:, 2]], axis=0)
-    return nbr, more.astype(np.int32)
+    flat, others = nbr.ravel(), []
+    for link, beyond in links:
+        flat[link] = beyond
+    for link, beyond in links:
+        lost = flat[link] != beyond
+        others.append(np.stack([link[lost] // 6, link[lost] % 6, beyond[lost]], axis=1))
+    return nbr, np.unique(np.concatenate(others), axis=0)
+
+
+def octants(ijk: np.ndarray) -> np.ndarray:
+    """Which octant of its parent each cell (n, 3) is (n,) uint8, x fastest."""
+    x, y, z = (ijk & 1).astype(np.uint8).T
+    return x | y << 1 | z << 2
 
 
 def first_children(fine: Cells, parent: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Finer cells (n, 8) of each coarse one, x fastest, and the chain of those that share an octant (child.h)."""
-    octant = (fine.ijk & 1) @ np.array([1, 2, 4])
+    octant = octants(fine.ijk)
     child = np.full((n, 8), -1, np.int32)
     child[parent, octant] = np.arange(len(parent), dtype=np.int32)
     rest = np.flatnonzero(child[parent, octant] != np.arange(len(parent)))

@@ -47,7 +47,7 @@ class Grid:
         return self.dims[2] // 8, self.dims[1] // 8, self.dims[0] // 8
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Samples:
     """Signed distances around the surface, and the state of the cells that it touches.
 
@@ -73,6 +73,10 @@ class Samples:
     distance: Buffer
     inside: np.ndarray
     thickness: np.ndarray
+
+    def use_up(self) -> None:
+        """Let go of the distances: they take more than the cut cells that come of them."""
+        self.owners, self.distance = self.owners[:0].copy(), self.distance.device.empty((0, 8))
 
 
 @dataclass(frozen=True, eq=False)

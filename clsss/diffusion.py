@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 
 from clsss.around import Around, list_around
+from clsss.coarsening import octants
 from clsss.device import Buffer, Device
 from clsss.heap import give_back
 from clsss.jumps import Jumps, find_jumps
-from clsss.level import Level, octants
+from clsss.level import Level
 from clsss.octree import Octree
 from clsss.rows import Kept, keep
 

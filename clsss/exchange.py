@@ -32,6 +32,7 @@ RAYS = 32  # rays of those that do
 PATCHES = 64  # patches along the longest side of the grid, at least
 NEAREST = 6  # patches around a cut cell, of which its share is blended: all but the one that weighs least
 CHUNK = 1 << 15  # rays at a time, of which both host and device hold much
+SOME = 1 << 13  # cut cells at a time
 HUGE = 1e30  # extinction of the object, for rays that go around it
 GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # R3 low-discrepancy sequence
 
@@ -109,8 +110,8 @@ def _blend(share: sparse.csr_matrix, points: np.ndarray, normals: np.ndarray) ->
     centres, facing = share @ points, share @ normals
     tree, n, k = cKDTree(centres), len(points), min(NEAREST, len(centres))
     weight, near = np.empty((n, k - 1)), np.empty((n, k - 1), np.int32)
-    for first in range(0, n, CHUNK):
-        part = slice(first, first + CHUNK)
+    for first in range(0, n, SOME):
+        part = slice(first, first + SOME)
         distance, found = (x.reshape(-1, k) for x in tree.query(points[part], k=k, workers=-1))
         reach = distance[:, -1:] * (1 + 1e-9) + 1e-300
         alike = np.maximum(1e-6, np.einsum("nd,nkd->nk", normals[part], facing[found]))
@@ -234,5 +235,6 @@ def trace_exchange(octree: Octree, eta: float, blockers: RayCaster | None = None
             progress((tracer.rays - n * PROBES) / (RAYS - PROBES) / np.count_nonzero(active))
     rays = tracer.rays
     del tracer
-    blend, (H, H_t) = _blend(share, points, normals), _transport(found, area, eta)
+    H, H_t = _transport(found, area, eta)
+    blend = _blend(share, points, normals)
     return Exchange(share, blend, H, H_t, entering_gain(eta), rays, time.perf_counter() - start)

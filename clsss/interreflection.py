@@ -16,6 +16,8 @@ from clsss.boundary import Boundary
 from clsss.device import Buffer, Device
 from clsss.diffusion import CHANNELS, Field, Load, Operator
 from clsss.exchange import Exchange, patch_depth
+from clsss.heap import give_back
+from clsss.multigrid import Multigrid
 from clsss.residual import Residual
 from clsss.room import Room
 from clsss.source import Source, add_entered
@@ -68,10 +70,6 @@ class PatchCoupling:
     op : Operator
     matrices : PatchMatrices
         Their `share` is not kept.
-    e : Field
-        The correction of those V-cycles: its finest level's red cells are lent while coarser ones are solved.
-    room : Room
-        Memory lent while residuals are taken.
 
     Attributes
     ----------
@@ -85,7 +83,7 @@ class PatchCoupling:
         How many there are, and how many were traced.
     """
 
-    def __init__(self, device: Device, op: Operator, matrices: PatchMatrices, e: Field, room: Room):
+    def __init__(self, device: Device, op: Operator, matrices: PatchMatrices):
         self.device, self.op, self._gain = device, op, matrices.gain
         self.patches, self.rays = matrices.share.shape[0], matrices.rays
         self._patches, self._blend = matrices.patches, matrices.blend
@@ -101,17 +99,29 @@ class PatchCoupling:
         self._leaving = _shortened(device, seen.leaving)
         self._share_above = SparseMatrix(device, seen.share)
         self.B, self.change = device.zeros((p, 3)), device.zeros((p, 3))
-        self.room, self._came_in = room, room.empty((p, 3))
-        red = Room(device, (e.whole, e.start[-2], e.start[-2] + op.octree.finest.colour_start[1]))
-        self._entered, self._steady, self._more = (red.empty((p, 3)) for _ in range(3))
-        # what solving `level` changes of right-hand sides: at its cells over cut ones, at leaves next to finer cells
-        cells = [*(level.interface for level in levels[: self.level]), self._above[self.level][0]]
-        self._changed = [(k, at, red.empty((at.shape[0], 3))) for k, at in enumerate(cells) if at.shape[0]]
         self._take, self._put, self._leave, self._enter, self._subtract, self._add, self._advance = (
             device.kernel("passage", name)
             for name in ("take_rows", "put_rows", "leave", "enter", "subtract_scaled", "add_rows", "advance")
         )
         self._squares = [device.zeros((tiles(p), CHANNELS)) for _ in range(2)]
+
+    def borrow(self, e: Field, room: Room) -> None:
+        """Memory to work in.
+
+        Parameters
+        ----------
+        e : Field
+            The correction of those V-cycles: its finest level's red cells are lent while coarser ones are solved.
+        room : Room
+            Lent while residuals are taken.
+        """
+        p, levels = self.patches, self.op.octree.levels
+        self.room, self._came_in = room, room.empty((p, 3))
+        red = Room(self.device, (e.whole, e.start[-2], e.start[-2] + levels[-1].colour_start[1]))
+        self._entered, self._steady, self._more = (red.empty((p, 3)) for _ in range(3))
+        # what solving `level` changes of right-hand sides: at its cells over cut ones, at leaves next to finer cells
+        cells = [*(level.interface for level in levels[: self.level]), self._above[self.level][0]]
+        self._changed = [(k, at, red.empty((at.shape[0], 3))) for k, at in enumerate(cells) if at.shape[0]]
 
     def step(self, residual: Residual, phi: Field, r_B: Buffer, phi_B: Buffer, held: Buffer | None) -> None:
         """B <- J.n + F B.
@@ -196,6 +206,16 @@ class PatchCoupling:
         cell, entering, blend = self._above[k]
         m = cell.shape[0]
         self.device.run(self._enter, m, m, cell, entering, *blend.rows, self._entered, r)
+
+
+def coupled(device: Device, op: Operator, matrices: PatchMatrices | None) -> tuple[Multigrid, PatchCoupling | None]:
+    """The multigrid of an operator, and what an exchange does in it, found first: it takes the host's memory."""
+    coupling = PatchCoupling(device, op, matrices) if matrices else None
+    give_back()
+    multigrid = Multigrid(device, op)
+    if coupling:
+        coupling.borrow(multigrid.e, multigrid.room)
+    return multigrid, coupling
 
 
 class Interreflection:

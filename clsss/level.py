@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clsss.coarsening import Cells, first_children
+from clsss.coarsening import Cells, first_children, octants
 from clsss.cutcell import Grid
 from clsss.device import Buffer, Device
 
@@ -82,12 +82,6 @@ class Level:
     def leaf(self) -> np.ndarray:
         """Whether no finer cells replace each one (n,)."""
         return self.is_leaf.get().astype(bool) if self.child else np.ones(self.n, bool)
-
-
-def octants(ijk: np.ndarray) -> np.ndarray:
-    """Which octant of its parent each cell (n, 3) is (n,) uint8, x fastest."""
-    x, y, z = (ijk & 1).astype(np.uint8).T
-    return x | y << 1 | z << 2
 
 
 def _make_level(device: Device, grid: Grid, depth: int, cells: Cells, parent: np.ndarray | None,

@@ -145,11 +145,11 @@ def first_planes(octree: Octree) -> np.ndarray:
 def _find_coarser(cells: Cells, coarser: Cells) -> None:
     """Set missing neighbours to -2 - index where a leaf of the next coarser level is there."""
     assert coarser.index is not None
-    leaves = np.where(np.append(coarser.leaf, False)[coarser.index], coarser.index, -1)
+    code = np.where(np.append(coarser.leaf, False), -2 - np.arange(len(coarser.leaf) + 1, dtype=np.int32), -1)
     for face, step in enumerate(STEP):
         lost = np.flatnonzero(cells.nbr[:, face] < 0)
-        x, y, z = ((cells.ijk[lost] + step) // 2).T + 1
-        cells.nbr[lost, face] = np.where(leaves[z, y, x] >= 0, -2 - leaves[z, y, x], -1)
+        x, y, z = ((cells.ijk[lost] + np.array(step, np.int32)) >> 1).T + 1
+        cells.nbr[lost, face] = code[coarser.index[z, y, x]]
 
 
 def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = None) -> Octree:
@@ -158,7 +158,7 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     Parameters
     ----------
     device, grid, samples
-        From `clsss.cutcell`.
+        From `clsss.cutcell`; the samples are used up.
     refine : callable, optional
         Which cells away from the surface are too wide, see `varies`. By default every leaf is on the finest level.
 
@@ -184,6 +184,7 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     del exists, split
     nbr = _neighbours(device, grid, leaf_map, positions[-1])
     cut, cut_index = _cut_cells(device, samples, cut_rows, leaf_map, len(nbr))
+    samples.use_up()
     cells = [finest_cells(positions.pop(), colour_start[-1], nbr, cut.cell.get(), cut.aperture)]
     del nbr
     parents: list[np.ndarray] = []

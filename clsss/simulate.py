@@ -21,11 +21,10 @@ from clsss.exchange import leaving_shape, trace_exchange
 from clsss.fresnel import fresnel_A
 from clsss.heap import give_back
 from clsss.inner import Inner, in_wide_cells, within
-from clsss.interreflection import PatchCoupling, PatchMatrices
+from clsss.interreflection import PatchMatrices, coupled
 from clsss.layer import fitted_layer
 from clsss.lighting import Progress, Setup, Solution, interpolate, light, timed
 from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
-from clsss.multigrid import Multigrid
 from clsss.problem import checked_lights, checked_points
 from clsss.refinement import varies
 from clsss.report import account
@@ -273,10 +272,9 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
         give_back()
     with timed("octree", seconds, reporter(None)):  # only now: what it fills of the device nothing before needs
         coefficients = diffusion.sample_medium(dev, tree, medium, fresnel_A(medium.eta), phase)
-        multigrid = Multigrid(dev, diffusion.make_operator(dev, tree, coefficients))
-        layer = fitted_layer(dev, tree, coefficients)
-        coupling = PatchCoupling(dev, multigrid.op, matrices, multigrid.e, multigrid.room) if matrices else None
+        multigrid, coupling = coupled(dev, diffusion.make_operator(dev, tree, coefficients), matrices)
         del matrices
+        layer = fitted_layer(dev, tree, coefficients)
         dev.finish()
         give_back()
     setup = Setup(dev, mesh, tree, coefficients, multigrid, layer, coupling, at_vertices, tuple(blockers), shadows,

@@ -21,9 +21,9 @@ WIDTH = 24  # cut cells that most fits do with
 CHUNK = 1 << 13  # points at a time, so that the device need not hold much
 
 
-def boundary_normals(octree: Octree) -> np.ndarray:
-    """Unit outward normals (n_cut, 3) of the cut cells."""
-    normal = octree.cut.normal.get()[:, :3].astype(float)
+def boundary_normals(octree: Octree, first: int = 0, n: int | None = None) -> np.ndarray:
+    """Unit outward normals (n_cut, 3) of the cut cells, or of the `n` from `first` on."""
+    normal = octree.cut.normal.get(first, n)[:, :3].astype(float)
     size = np.linalg.norm(normal, axis=1, keepdims=True)
     normal /= np.where(size > 0, size, 1)
     return normal

@@ -64,7 +64,8 @@ def test_what_light_on_its_way_needs_is_lent_but_for_its_state(hollow):
     e = Field(device, op.octree)
     room = Room(device, e.lent())
     before = device.allocated
-    coupling = PatchCoupling(device, op, PatchMatrices(device, exchange), e, room)
+    coupling = PatchCoupling(device, op, PatchMatrices(device, exchange))
+    coupling.borrow(e, room)
     held, p = device.allocated - before, exchange.share.shape[0]
     above = list(boundary.above(exchange.share, 1))
     matrices = sum(4 * m.nnz + (4 + 8) * m.shape[0] + 8 for m in (exchange.blend, exchange.arriving, exchange.share))
