@@ -189,7 +189,6 @@ def make_scene(
     tints = np.arange(3)[:, None] if sources.varies else relative.T  # a function may colour any place
     chosen, channel = _alike(np.concatenate([values.reshape(3, -1), relative.T, tints], axis=1))
     values, relative = values[chosen], relative[:, chosen]
-    size_z, size_y, size_x = values.shape[1:4]
     return TracedScene(
         device=device,
         centre=centre,
@@ -205,7 +204,7 @@ def make_scene(
         leaf_size=tree.leaf_size,
         n_leaves=tree.n_leaves,
         g=float(medium.g),
-        nodes=(size_x, size_y, size_z, size_x * size_y * size_z),
+        nodes=(*values.shape[3:0:-1], int(np.prod(values.shape[1:4]))),
         origin=device.vector(low - centre),
         inverse_spacing=device.vector(1 / spacing),
         defines=() if medium.homogeneous else ("HETEROGENEOUS",),

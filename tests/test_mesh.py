@@ -204,6 +204,14 @@ def test_some_triangles_flipped():
     assert is_cycle(mesh)
 
 
+def test_walls_that_nearly_touch_stay_apart():
+    """By four millionths of the size, which single precision still tells apart."""
+    blocks = trimesh.creation.box(), trimesh.creation.box((2, 1, 1)).apply_translation((1.500012, 0, 0))
+    mesh = load_mesh(together(*blocks))
+    assert mesh.report["repairs"] == []
+    assert volume(mesh) == pytest.approx(3)
+
+
 def test_each_body_is_oriented_by_itself():
     other = sphere(centre=(3, 0, 0))
     other.invert()
