@@ -153,13 +153,13 @@ class PerLevel(list[Buffer]):
 
 
 class Field(PerLevel):
-    """One value per cell and ghost (n + n_ghost, 4), as cells gather from their neighbours.
+    """One value per cell, ghost and junction (n + n_ghost + n_junction, 4), as cells gather from their neighbours.
 
     Its memory holds at least so many rows from the second level on.
     """
 
     def __init__(self, device: Device, octree: Octree, least: int = 0):
-        super().__init__(device, [level.n + level.n_ghost for level in octree.levels], CHANNELS, least)
+        super().__init__(device, [level.n_rows for level in octree.levels], CHANNELS, least)
 
 
 class Load(PerLevel):

@@ -17,7 +17,8 @@ from clsss.diffusion import Field, Load, Operator
 FEW = 1 << 16  # most cells of a level, over the compute units: a work-group has one, and leaves the others idle
 GROUP = 256  # work-items, where a device computes across them
 # as in fused.cl
-CLEAR, FROM_ZERO, RELAX, OVER_RELAX, REFLUX, LEAVE_RESIDUAL, RESTRICT, COPY_GHOSTS, PROLONG, SOLVE = range(10)
+(CLEAR, FROM_ZERO, RELAX, OVER_RELAX, FILL_JUNCTIONS, REFLUX, LEAVE_RESIDUAL, RESTRICT, COPY_GHOSTS, PROLONG,
+ SOLVE) = range(11)  # fmt: skip
 Step = tuple[int, int, int, int]  # kind, level, first item, number of items
 
 
@@ -89,7 +90,7 @@ class FusedLevels:
 
     def _steps_of(self, k: int, sweeps: int) -> Buffer:
         if (k, sweeps) not in self._steps:
-            self._steps[k, sweeps] = self.device.array(list(self._cycle(k, sweeps)), np.int32)
+            self._steps[k, sweeps] = self.device.array([step for step in self._cycle(k, sweeps) if step[3]], np.int32)
         return self._steps[k, sweeps]
 
     def v_cycle(self, k: int, sweeps: int | None = None) -> None:
@@ -106,18 +107,21 @@ class FusedLevels:
         fine, coarse = self._levels[k], self._levels[k - 1]
         n_red = fine.colour_start[1]
         red, black = (k, 0, n_red), (k, n_red, fine.n - n_red)
+        junctions = FILL_JUNCTIONS, k, 0, fine.junction_face.shape[0]
         yield CLEAR, k, fine.n, self._rows[k] - fine.n
         yield FROM_ZERO, *red
-        yield RELAX, *black
-        for _ in range(sweeps - 1):
-            yield RELAX, *red
-            yield RELAX, *black
+        for cells in (black, *(red, black) * (sweeps - 1)):
+            yield junctions
+            yield RELAX, *cells
         yield REFLUX, k, 0, coarse.interface.shape[0]
+        yield junctions
         yield LEAVE_RESIDUAL, *red
         yield RESTRICT, k, 0, coarse.covered.shape[0]
         yield from self._cycle(k - 1, sweeps)
         yield COPY_GHOSTS, k, 0, fine.n_ghost
         yield PROLONG, *black
         for _ in range(sweeps):
+            yield junctions
             yield RELAX, *red
+            yield junctions
             yield OVER_RELAX, *black

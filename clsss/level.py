@@ -79,6 +79,11 @@ class Level:
         return self.colour_start[2]
 
     @property
+    def n_rows(self) -> int:
+        """Number of cells, ghosts and junctions, as `nbr` counts them."""
+        return self.n + self.n_ghost + self.junction_face.shape[0]
+
+    @property
     def leaf(self) -> np.ndarray:
         """Whether no finer cells replace each one (n,)."""
         return self.is_leaf.get().astype(bool) if self.child else np.ones(self.n, bool)

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -86,8 +85,7 @@ class Multigrid:
         self.residual = Residual(device, op, self.room)
         self._smooth, self._from_zero = (device.kernel("smooth", name, *d) for name in ("smooth", "smooth_from_zero"))
         self._leave_residual = device.kernel("restrict", "leave_residual", *d)
-        self._smooth_beyond = device.kernel("junction", "smooth_with_junctions", *d)
-        self._leave_beyond = device.kernel("junction", "leave_residual_with_junctions", *d)
+        self._junctions = device.kernel("junction", "fill_junctions", *d)
         self._restrict = device.kernel("restrict", "restrict_residual", *d)
         self._reflux = device.kernel("residual", "reflux", *d)
         self._ghosts = device.kernel("prolong", "copy_ghosts")
@@ -123,7 +121,6 @@ class Multigrid:
         level = self.op.octree.levels[k]
         sweeps = sweeps or (SWEEPS if k == len(self.e) - 1 else COARSE_SWEEPS)
         red, black, end = level.colour_start
-        smooth, junctions = self._with_junctions(k, self._smooth, self._smooth_beyond)
         for sweep in range(sweeps):
             for first, n in ((red, black - red), (black, end - black)):
                 if from_zero and not sweep and first == red:
@@ -131,22 +128,22 @@ class Multigrid:
                                     self.e[k])  # fmt: skip
                 else:
                     omega = OVER if first == black and not from_zero else 1.0
-                    self.device.run(smooth, n, first, n, omega, level.nbr, *self.op.two_point(k), self.r[k], *junctions,
+                    self._fill_junctions(k)
+                    self.device.run(self._smooth, n, first, n, omega, level.nbr, *self.op.two_point(k), self.r[k],
                                     self.e[k])  # fmt: skip
 
-    def _with_junctions(self, k: int, plain: Any, other: Any) -> tuple[Any, tuple[Any, ...]]:
-        """The kernel for level `k`, and what it needs to know of junctions there."""
+    def _fill_junctions(self, k: int) -> None:
         level = self.op.octree.levels[k]
-        if not level.junction_cell.shape[0]:
-            return plain, ()
-        return other, (level.n + level.n_ghost, level.junction_start, level.junction_cell, self.op.share[k])
+        m = level.junction_face.shape[0]
+        self.device.run(self._junctions, m, m, level.n + level.n_ghost, level.junction_start, level.junction_cell,
+                        self.op.share[k], self.e[k])  # fmt: skip
 
     def restrict(self, k: int) -> None:
         """What level `k` leaves becomes the right-hand side of level `k` - 1, and stands in the place of red values."""
         run, op, fine, coarse = self.device.run, self.op, self.op.octree.levels[k], self.op.octree.levels[k - 1]
         red = fine.colour_start[1]
-        leave, junctions = self._with_junctions(k, self._leave_residual, self._leave_beyond)
-        run(leave, red, red, fine.nbr, *op.two_point(k), self.r[k], *junctions, self.e[k])
+        self._fill_junctions(k)
+        run(self._leave_residual, red, red, fine.nbr, *op.two_point(k), self.r[k], self.e[k])
         m = coarse.covered.shape[0]
         run(self._restrict, m, m, coarse.covered, coarse.child, coarse.chain, self.e[k], self.r[k - 1])
 

@@ -2,16 +2,17 @@
  * or on all levels of few cells in one launch (fused.cl). Needs rows.h.
  */
 #include "child.h"
+#include "junction.h"
 #include "residual.h"
 #include "weight.h"
 
 REAL4 relaxed(const int i, const REAL omega, __global const int *restrict nbr, TWO_POINT,
-              __global const REAL *restrict b, const Junctions at, __global const REAL4 *x) {
+              __global const REAL *restrict b, __global const REAL4 *x) {
     const int row = ROW_OF(i, rows);
     REAL4 sum = colours_at(i, b), diagonal = SINK_AT(absorb, min(row, last));
     for (int f = 0; f < 6; f++) {
         const COND t = T_AT(T, 6 * row + f);
-        sum += t * value_beyond(nbr[6 * i + f], at, x);
+        sum += t * x[nbr[6 * i + f]];
         diagonal += t;
     }
     return (1 - omega) * x[i] + omega * sum / diagonal;

@@ -8,11 +8,13 @@
 #include "rows.h"
 #include "cycle.h"
 
-enum { CLEAR, FROM_ZERO, RELAX, OVER_RELAX, REFLUX, LEAVE_RESIDUAL, RESTRICT, COPY_GHOSTS, PROLONG, SOLVE };
+enum {
+    CLEAR, FROM_ZERO, RELAX, OVER_RELAX, FILL_JUNCTIONS, REFLUX, LEAVE_RESIDUAL, RESTRICT, COPY_GHOSTS, PROLONG, SOLVE
+};
 
 /* Where a level's rows start in e and r, and its arrays in `words`, in words of four bytes. */
 typedef struct {
-    int n, n_rows, e, r, last, nbr, parent, covered, child, chain, ghost_face, interface, interface_start,
+    int n, first_junction, e, r, last, nbr, parent, covered, child, chain, ghost_face, interface, interface_start,
         junction_start, junction_cell, rows, T, absorb, share, weight, inverse;
 } FusedLevel;
 
@@ -31,8 +33,6 @@ __kernel void fused_v_cycle(const int n_steps, const REAL over, __global const i
         const FusedLevel fine = level[now.y], coarse = level[max(now.y - 1, 0)];
         __global REAL4 *x = e + fine.e, *x_coarse = e + coarse.e;
         __global REAL *b = r + 3 * fine.r, *b_coarse = r + 3 * coarse.r;
-        const Junctions at = {fine.n_rows, INTS(fine.junction_start), INTS(fine.junction_cell),
-                              (__global const COND *)(words + fine.share)};
         switch (now.x) {
         case CLEAR: /* ghosts, and rows that no cell has */
             for (EACH(i)) x[i] = (REAL4)(0);
@@ -41,14 +41,14 @@ __kernel void fused_v_cycle(const int n_steps, const REAL over, __global const i
             for (EACH(i)) x[i] = relaxed_from_zero(i, over, OPERATOR(fine), b);
             break;
         case RELAX:
-        case OVER_RELAX: {
-            const REAL omega = now.x == RELAX ? 1 : over;
-            if (fine.share) /* asked once: face by face it takes a third of the time */
-                for (EACH(i)) x[i] = relaxed(i, omega, INTS(fine.nbr), OPERATOR(fine), b, at, x);
-            else
-                for (EACH(i)) x[i] = relaxed(i, omega, INTS(fine.nbr), OPERATOR(fine), b, NO_JUNCTIONS, x);
+        case OVER_RELAX:
+            for (EACH(i)) x[i] = relaxed(i, now.x == RELAX ? 1 : over, INTS(fine.nbr), OPERATOR(fine), b, x);
             break;
-        }
+        case FILL_JUNCTIONS:
+            for (EACH(q))
+                x[fine.first_junction + q] = mean_beyond(q, INTS(fine.junction_start), INTS(fine.junction_cell),
+                                                 (__global const COND *)(words + fine.share), x);
+            break;
         case REFLUX:
             for (EACH(m))
                 vstore3(refluxed(m, fine.n, INTS(coarse.interface), INTS(coarse.interface_start),
@@ -56,7 +56,7 @@ __kernel void fused_v_cycle(const int n_steps, const REAL over, __global const i
                         INTS(coarse.interface)[m], b_coarse);
             break;
         case LEAVE_RESIDUAL:
-            for (EACH(i)) x[i] = residual_at(i, INTS(fine.nbr), OPERATOR(fine), b, at, x);
+            for (EACH(i)) x[i] = residual_at(i, INTS(fine.nbr), OPERATOR(fine), b, x);
             break;
         case RESTRICT:
             for (EACH(c))

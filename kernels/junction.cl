@@ -1,6 +1,4 @@
-/* junction.cl -- smoothing and residuals on levels where cells have several neighbours beyond one face (junction.h).
- * The rest is as in smooth.cl and restrict.cl.
- */
+/* junction.cl -- where cells have several neighbours beyond one face (junction.h). */
 #include "real.h"
 #include "conductance.h"
 #include "rows.h"
@@ -40,22 +38,11 @@ __kernel void junction_shares(const int n, __global const int *restrict face, __
     for (int k = start[q]; k < start[q + 1]; k++) share[k] /= total;
 }
 
-// cost smooth_with_junctions: 45R+28 B, 68 flop
-__kernel void smooth_with_junctions(const int first, const int n, const REAL omega, __global const int *restrict nbr,
-                                    TWO_POINT, __global const REAL *restrict b, const int n_rows,
-                                    __global const int *restrict start, __global const int *restrict cell,
-                                    __global const COND *restrict share, __global REAL4 *restrict x) {
-    const int i = first + get_global_id(0);
-    const Junctions at = {n_rows, start, cell, share};
-    if (i < first + n) x[i] = relaxed(i, omega, nbr, rows, last, T, absorb, b, at, x);
-}
-
-// cost leave_residual_with_junctions: 45R+28 B, 76 flop
-__kernel void leave_residual_with_junctions(const int n, __global const int *restrict nbr, TWO_POINT,
-                                            __global const REAL *restrict b, const int n_rows,
-                                            __global const int *restrict start, __global const int *restrict cell,
-                                            __global const COND *restrict share, __global REAL4 *x) {
-    const int i = get_global_id(0);
-    const Junctions at = {n_rows, start, cell, share};
-    if (i < n) x[i] = residual_at(i, nbr, rows, last, T, absorb, b, at, x);
+/* The rows of junctions. */
+// cost fill_junctions: 14R+24 B, 16 flop
+__kernel void fill_junctions(const int n, const int first_row, __global const int *restrict start,
+                             __global const int *restrict cell, __global const COND *restrict share,
+                             __global REAL4 *x) {
+    const int q = get_global_id(0);
+    if (q < n) x[first_row + q] = mean_beyond(q, start, cell, share, x);
 }

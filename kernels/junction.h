@@ -1,18 +1,11 @@
 /* junction.h -- a face of a coarse cell with several cells of its level beyond: parts of a block that is split.
  *
- * The neighbour's number is n_rows + junction. Each of its cells has a share of the face's transmissibility.
+ * The neighbour's number is that of a row after cells and ghosts: the mean of the cells, each with its share of the
+ * face's transmissibility. It must be up to date whenever its neighbour is looked at.
  */
-typedef struct {
-    int n_rows;
-    __global const int *restrict start, *restrict cell;
-    __global const COND *restrict share; /* 0: the level has no junctions */
-} Junctions;
-
-#define NO_JUNCTIONS ((Junctions){0, 0, 0, 0})
-
-REAL4 value_beyond(const int j, const Junctions at, __global const REAL4 *x) {
-    if (!at.share || j < at.n_rows) return x[j];
+REAL4 mean_beyond(const int q, __global const int *restrict start, __global const int *restrict cell,
+                  __global const COND *restrict share, __global const REAL4 *x) {
     REAL4 mean = (REAL4)(0);
-    for (int k = at.start[j - at.n_rows]; k < at.start[j - at.n_rows + 1]; k++) mean += at.share[k] * x[at.cell[k]];
+    for (int k = start[q]; k < start[q + 1]; k++) mean += share[k] * x[cell[k]];
     return mean;
 }

@@ -8,7 +8,7 @@
 __kernel void residual(const int n, __global const int *restrict nbr, TWO_POINT,
                        __global const REAL *restrict b, __global const REAL4 *restrict x, __global REAL *restrict r) {
     const int i = get_global_id(0);
-    if (i < n) vstore3(residual_at(i, nbr, rows, last, T, absorb, b, NO_JUNCTIONS, x).xyz, i, r);
+    if (i < n) vstore3(residual_at(i, nbr, rows, last, T, absorb, b, x).xyz, i, r);
 }
 
 /* The same on the leaves of a coarser level: faces to covered cells are left to their fine faces (reflux). */

@@ -13,7 +13,7 @@
 __kernel void leave_residual(const int n, __global const int *restrict nbr, TWO_POINT,
                              __global const REAL *restrict b, __global REAL4 *x) {
     const int i = get_global_id(0);
-    if (i < n) x[i] = residual_at(i, nbr, rows, last, T, absorb, b, NO_JUNCTIONS, x);
+    if (i < n) x[i] = residual_at(i, nbr, rows, last, T, absorb, b, x);
 }
 
 // cost restrict_residual: 19R+36 B, 12 flop

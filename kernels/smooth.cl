@@ -14,7 +14,7 @@ __kernel void smooth(const int first, const int n, const REAL omega, __global co
                      TWO_POINT, __global const REAL *restrict b, __global REAL4 *restrict x) {
     const int i = first + get_global_id(0);
     if (i >= first + n) return;
-    x[i] = relaxed(i, omega, nbr, rows, last, T, absorb, b, NO_JUNCTIONS, x);
+    x[i] = relaxed(i, omega, nbr, rows, last, T, absorb, b, x);
 }
 
 /* The first half of the first sweep, from zero everywhere: neighbours have nothing to give. */

@@ -81,7 +81,7 @@ def test_restriction_keeps_totals(double, make):
         mg.smooth(k, from_zero=True)
         x, absorb = mg.e[k].get()[:, :3], mg.op.absorb[k].get()[:, :3]
         mg.restrict(k)
-        left = b - (absorb + np.asarray(T.sum(axis=1))) * x[: fine.n] + T @ x
+        left = b - (absorb + np.asarray(T.sum(axis=1))) * x[: fine.n] + T @ x[: T.shape[1]]
         expected = np.zeros((coarse.n, 3))
         np.add.at(expected, fine.parent.get()[: fine.n], left)
         np.testing.assert_allclose(mg.r[k - 1].get(), expected, atol=1e-13)
@@ -99,7 +99,7 @@ def test_gradients_lie_where_the_correction_will(device):
     np.testing.assert_array_equal(mg.r.whole.get(), expected)
     np.testing.assert_array_equal(mg.residual.slope.get(), apart.slope.get())
     mg.v_cycle(len(mg.e) - 1)
-    found, n = mg.e.whole.get(), [level.n + level.n_ghost for level in mg.op.octree.levels]
+    found, n = mg.e.whole.get(), [level.n_rows for level in mg.op.octree.levels]
     mg.residual.slope.fill(1e9)
     mg.r.whole.set(expected)
     assert mg.e[0].get().max() < 1e9
@@ -188,14 +188,15 @@ def test_smoother_is_red_black_gauss_seidel(device, eps, make, depth):
     mg.e[k].set(x)
     mg.r[k].set(b)
     mg.smooth(k, 2)
-    T, x, b = two_point_rows(mg, k), x[:, 0].astype(float), b[:, 0].astype(float)
+    T = two_point_rows(mg, k)
+    x, b = x[: T.shape[1], 0].astype(float), b[:, 0].astype(float)
     diagonal = mg.op.absorb[k].get()[:, 0] + np.asarray(T.sum(axis=1)).ravel()
     for _ in range(2):
         for i in range(level.n):
             row = T.getrow(i)
             omega = OVER if i >= level.colour_start[1] else 1
             x[i] += omega * ((b[i] + row.data @ x[row.indices]) / diagonal[i] - x[i])
-    np.testing.assert_allclose(mg.e[k].get()[:, 0], x, atol=50 * eps * np.abs(x).max())
+    np.testing.assert_allclose(mg.e[k].get()[: len(x), 0], x, atol=50 * eps * np.abs(x).max())
 
 
 def two_point_matrix(mg):
@@ -364,7 +365,7 @@ def test_coarsest_level_is_solved_exactly(double):
     b = np.random.default_rng(5).normal(size=mg.r[0].shape)
     mg.r[0].set(b)
     mg.v_cycle(0)
-    x, absorb = mg.e[0].get()[:, :3], mg.op.absorb[0].get()[:, :3]
+    x, absorb = mg.e[0].get()[: len(b), :3], mg.op.absorb[0].get()[:, :3]
     np.testing.assert_allclose((absorb + np.asarray(T.sum(axis=1))) * x - T @ x, b, atol=1e-11)
 
 

@@ -106,7 +106,8 @@ def test_blockers_cast_shadows(device, light, harmless):
         x, n = points[:, 0], len(points)
         np.testing.assert_array_equal(shaded[:n], np.where(x[:, None] > 0, 0, free[:n]))
     for level, above, F in zip(tree.levels[1:], found[1], found[1][1:], strict=False):
-        np.testing.assert_array_equal(F[level.n :], above[level.parent.get()[level.n : level.n + level.n_ghost]])
+        ghosts = slice(level.n, level.n + level.n_ghost)
+        np.testing.assert_array_equal(F[ghosts], above[level.parent.get()[ghosts]])
 
 
 def test_tilted_planes_are_exact_too(double):
