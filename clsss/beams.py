@@ -20,23 +20,38 @@ import numpy as np
 from clsss.device import Device
 from clsss.diffusion import CHANNELS, Coefficients, Field, Load, cell_points, channels
 from clsss.kept import kept
+from clsss.level import Level
 from clsss.lights import DirectionalLight, PointLight
-from clsss.morton import morton
 from clsss.octree import Octree
 from clsss.rays import LINING, RayCaster
 from clsss.room import Room
+from clsss.stowed import Stowed, stow
 from clsss.sums import GROUP, sum_of_parts, tiles
 
 
 @kept
-def ray_order(octree: Octree) -> list[np.ndarray]:
-    """Full leaves of each level in an order in which neighbours' rays meet the same cells."""
-    orders: list[np.ndarray] = []
-    for level, ijk in zip(octree.levels[:-1], octree.positions(), strict=False):
-        leaves = np.flatnonzero(level.leaf).astype(np.int32)
-        orders.append(leaves[np.argsort(morton(ijk[leaves]), kind="stable")])
-    finest = octree.leaf_map.finest_by_bricks()
-    return [*orders, finest[octree.cut_index.get()[finest] < 0]]
+def ray_order(octree: Octree) -> list[Stowed]:
+    """Full leaves of each level in an order in which neighbours' rays meet the same cells.
+
+    Coarse leaves come depth first, finest ones brick by brick.
+    """
+    orders, cells = [], np.arange(octree.levels[0].n, dtype=np.int32)
+    for level in octree.levels[:-1]:
+        leaf = level.leaf
+        orders.append(stow(cells[leaf[cells]]))
+        if level.depth > 1:
+            cells = _children(level, np.cumsum(~leaf, dtype=np.int32)[cells[~leaf[cells]]] - 1)
+    finest, cut_index = octree.finest_by_bricks(), octree.cut_index.get()
+    return [*orders, stow(*(cells[cut_index[cells] < 0] for cells in finest))]
+
+
+def _children(level: Level, rows: np.ndarray) -> np.ndarray:
+    """Cells in the covered ones that `Level.covered` has in some rows (m,), one row after the other."""
+    assert level.child
+    child, chain = level.child.get()[rows], level.chain.get()
+    while (shared := child < -1).any():
+        child[shared] = chain[-2 - child[shared], 1]
+    return np.concatenate([child[child >= 0], chain[:, 0]])
 
 
 def extinction(device: Device, octree: Octree, medium: Coefficients) -> tuple[Any, ...]:
@@ -93,9 +108,9 @@ class Beams:
         if self.lost:
             self.lost.fill(0)
         self.incident = np.zeros(3)
-        self._F_B, self._aperture = room.empty((n_cut, 3)), room.array(octree.cut.aperture)
+        self._F_B, self._aperture = room.empty((n_cut, 3)), octree.cut.aperture.on_device(room)
         self._position = octree.lend_positions(room)
-        orders = [room.array(order) for order in ray_order(octree)]
+        orders = [order.on_device(room) for order in ray_order(octree)]
         self._orders = [*enumerate(orders), (len(orders) - 1, body[-1])]
 
     @cached_property

@@ -17,6 +17,7 @@ import numpy as np
 
 from clsss.device import Buffer, Device
 from clsss.mesh import Mesh
+from clsss.stowed import Stowed, stow
 from clsss.thickness import LOOKED_AT, thickness_below
 from clsss.triangles import Triangles, whole_and_pieces
 from clsss.winding import winding_number
@@ -93,7 +94,7 @@ class CutCells:
         x_B and alpha_B, the area of the surface inside the cell.
     normal : (n, 4) real
         Area vector of the surface (outward): alpha_B n_B where the surface is flat.
-    aperture : (n, 3) real, on the host
+    aperture : Stowed (n, 3) real
         Open part of the faces +x +y +z; the others are those of the cells beyond (`Octree.apertures`).
         No solve needs it.
     face_centroid : (n, 3, 2) float64, or uint16 in single precision
@@ -104,7 +105,7 @@ class CutCells:
     centroid: Buffer
     boundary: Buffer
     normal: Buffer
-    aperture: np.ndarray
+    aperture: Stowed
     face_centroid: Buffer
 
     @property
@@ -276,4 +277,5 @@ def cut_moments(device: Device, samples: Samples, rows: np.ndarray, cell: np.nda
     owners = device.array(samples.owners[rows])
     kernel = device.kernel("cutcell", "moments")
     device.run(kernel, n, n, owners, samples.distance, centroid, boundary, normal, aperture, face_centroid)
-    return CutCells(device.array(cell.astype(np.int32)), centroid, boundary, normal, aperture.get(), face_centroid)
+    places = device.array(cell.astype(np.int32))
+    return CutCells(places, centroid, boundary, normal, stow(aperture.get()), face_centroid)

@@ -52,14 +52,15 @@ class Buffer:
             cl.enqueue_copy(self.device.queue, out, self.data, src_offset=first * self.nbytes // self.shape[0])
         return out
 
-    def set(self, values: np.ndarray) -> None:
-        """Overwrite with host values of the same shape."""
+    def set(self, values: np.ndarray, first: int | None = None) -> None:
+        """Overwrite with host values of the same shape, or rows from `first` on."""
         import pyopencl as cl
 
         host = np.ascontiguousarray(values, self.dtype)
-        assert host.shape == self.shape, (host.shape, self.shape)
+        assert host.shape == self.shape or first is not None, (host.shape, self.shape)
         if host.size:
-            cl.enqueue_copy(self.device.queue, self.data, host)
+            start = (first or 0) * self.nbytes // max(1, self.shape[0] if self.shape else 1)
+            cl.enqueue_copy(self.device.queue, self.data, host, dst_offset=start)
 
     def fill(self, value: float, first: int = 0, end: int | None = None) -> None:
         """Set every element from row `first` on, to before row `end`."""

@@ -245,7 +245,7 @@ def make_operator(device: Device, octree: Octree, medium: Coefficients) -> Opera
     kernel = device.kernel("coefficients", "finest_coefficients", *defines)
     device.run(kernel, finest.n, finest.n, finest.h, A, D[-1], D[-2], sigma_a[-1],
                medium.fitted, finest.nbr, finest.parent, octree.cut_index, cut.centroid, cut.boundary, cut.normal,
-               device.array(cut.aperture), cut.face_centroid, T[-1], absorb[-1])  # fmt: skip
+               cut.aperture.on_device(device), cut.face_centroid, T[-1], absorb[-1])  # fmt: skip
     if medium.jumps is not None:
         m = medium.jumps.face.shape[0]
         device.run(device.kernel("jump", "cross_jumps"), m, m, medium.jumps.face, medium.jumps.share, T[-1])

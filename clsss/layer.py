@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from clsss.device import Device
 from clsss.diffusion import CHANNELS, Coefficients
 from clsss.octree import Octree
+from clsss.stowed import Stowed, stow
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,20 +20,20 @@ class Layer:
 
     Attributes
     ----------
-    volume : (n, 3) float64
+    volume : Stowed (n, 3) float64
         Volume that absorbs for each cell of the finest level, or receives from an even source [mm^3].
-    conductance : (n_cut, 3) float64
+    conductance : Stowed (n_cut, 3) float64
         From the centroid to the outside [mm^2].
-    swell : (n_cut, 3) float64
+    swell : Stowed (n_cut, 3) float64
         cosh(k d), d the depth of the centroid: light from the boundary counts so often there for once at the centroid.
-    moment : (n_cut, 3) float64
+    moment : Stowed (n_cut, 3) float64
         First moment r_B of an even source q0 = 1 W/mm^3 [mm].
     """
 
-    volume: np.ndarray
-    conductance: np.ndarray
-    swell: np.ndarray
-    moment: np.ndarray
+    volume: Stowed
+    conductance: Stowed
+    swell: Stowed
+    moment: Stowed
 
 
 def fitted_layer(device: Device, octree: Octree, medium: Coefficients) -> Layer | None:
@@ -54,5 +53,6 @@ def fitted_layer(device: Device, octree: Octree, medium: Coefficients) -> Layer 
     volume = device.empty((finest.n, CHANNELS))
     kernel = device.kernel("layer", "absorbing_volumes", *defines)
     device.run(kernel, finest.n, finest.n, *common, finest.nbr, octree.cut_index, *geometry,
-               device.array(cut.aperture), cut.face_centroid, volume)  # fmt: skip
-    return Layer(volume.get()[:, :3].astype(float), conductance, swell, moment)
+               cut.aperture.on_device(device), cut.face_centroid, volume)  # fmt: skip
+    volumes = Stowed((finest.n, 3), float, lambda first, n: volume.get(first, n)[:, :3])
+    return Layer(volumes, stow(conductance), stow(swell), stow(moment))

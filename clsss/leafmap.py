@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from clsss.cutcell import Grid
 from clsss.device import Device
 
+ROWS = 1 << 15  # of eight cells at a time
 FINE = -2  # entry of a brick where there are finest cells, as in kernels/tree.h
 BITS = np.array([bin(byte).count("1") for byte in range(256)], np.int32)
 
@@ -18,18 +20,9 @@ def _octant(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     return ((z >> 1 & 3) * 4 + (y >> 1 & 3)) * 4 + (x >> 1 & 3)
 
 
+@dataclass(frozen=True, eq=False)
 class LeafMap:
     """Which leaf holds a cell of the finest grid (tree.h).
-
-    Parameters
-    ----------
-    grid : Grid
-    exists : (nz, ny, nx) bool
-        The finest level's cells.
-    cells, leaf : lists of (n, 3) int32 and (n,) bool
-        Cells of each level, coarsest first, and which are leaves.
-    n_red : int
-        Red ones among the finest.
 
     Attributes
     ----------
@@ -41,7 +34,26 @@ class LeafMap:
         Which cells of those rows exist.
     """
 
-    def __init__(self, grid: Grid, exists: np.ndarray, cells: list[np.ndarray], leaf: list[np.ndarray], n_red: int):
+    block: np.ndarray
+    brick: np.ndarray
+    first: np.ndarray
+    filled: np.ndarray
+
+    @classmethod
+    def of_finest(cls, grid: Grid, exists: np.ndarray, cells: list[np.ndarray], leaf: list[np.ndarray],
+                  n_red: int) -> LeafMap:  # fmt: skip
+        """The map as far as the finest level goes.
+
+        Parameters
+        ----------
+        grid : Grid
+        exists : (nz, ny, nx) bool
+            The finest level's cells.
+        cells, leaf : lists of (n, 3) int32 and (n,) bool
+            Cells of each level, coarsest first, and which are leaves.
+        n_red : int
+            Red ones among the finest.
+        """
         bz, by, bx = grid.blocks
         fine, mark = np.zeros((2, bz, by, bx), bool)
         for depth, (ijk, is_leaf) in enumerate(zip(cells[:-4:-1], leaf[:-4:-1], strict=True)):
@@ -49,19 +61,19 @@ class LeafMap:
             (mark if depth else fine)[z, y, x] = True
         mark &= ~fine
         n, n_bricks = int(fine.sum()), int(fine.sum() + mark.sum())
-        self.block = np.full((bz, by, bx), -1, np.int32)
-        self.block[fine], self.block[mark] = np.arange(n), np.arange(n, n_bricks)
-        self.brick = np.full(64 * max(1, n_bricks), -1, np.int32)
+        block = np.full((bz, by, bx), -1, np.int32)
+        block[fine], block[mark] = np.arange(n), np.arange(n, n_bricks)
+        places = np.full(64 * max(1, n_bricks), -1, np.int32)
         rows = np.packbits(exists, axis=2, bitorder="little").reshape(bz, 8, by, 8, bx).transpose(0, 2, 4, 1, 3)
-        self.filled = rows[fine].ravel()
-        self.first = np.zeros((64 * n, 2), np.int32)
+        first = np.zeros((64 * n, 2), np.int32)
         for colour, part in enumerate((slice(0, n_red), slice(n_red, None))):
             x, y, z = cells[-1][part].T
-            brick = self.block[z >> 3, y >> 3, x >> 3] * 64
+            brick = block[z >> 3, y >> 3, x >> 3] * 64
             row = brick + (z & 7) * 8 + (y & 7)
             starts = np.flatnonzero(np.diff(row, prepend=-1))
-            self.first[row[starts], colour] = colour * n_red + starts
-            self.brick[brick + _octant(x, y, z)] = FINE
+            first[row[starts], colour] = colour * n_red + starts
+            places[brick + _octant(x, y, z)] = FINE
+        return cls(block, places, first, rows[fine].ravel())
 
     def write_leaves(self, depth: int, ijk: np.ndarray, leaf: np.ndarray) -> None:
         """Enter the codes of the leaves of a level above the finest."""
@@ -79,10 +91,10 @@ class LeafMap:
         for dz, dy, dx in np.ndindex(width, width, width):
             self.brick[base + (dz * 4 + dy) * 4 + dx] = code
 
-    def on_device(self, device: Device, grid: Grid) -> tuple[Any, ...]:
-        """The map as kernels take it, on the device for as long as that is held."""
-        arrays = (self.block.ravel(), self.brick, self.first, self.filled)
-        return (grid.dims, *(device.array(values) for values in arrays))
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """What kernels take."""
+        return self.block, self.brick, self.first, self.filled
 
     def finest(self, cells: np.ndarray) -> np.ndarray:
         """Index of finest cells (n, 3) that exist."""
@@ -104,16 +116,18 @@ class LeafMap:
         code[fine] = 16 * self.finest(cells[fine])
         return code
 
-    def finest_by_bricks(self) -> np.ndarray:
-        """All finest cells, brick by brick."""
-        exist = np.unpackbits(self.filled[:, None], axis=1, bitorder="little")
-        row, index = np.arange(len(exist), dtype=np.int32), np.empty(exist.shape, np.int32)
+
+def finest_by_bricks(first: np.ndarray, filled: np.ndarray) -> Iterator[np.ndarray]:
+    """All finest cells of a `LeafMap`, brick by brick, some at a time."""
+    for start in range(0, len(filled), ROWS):
+        exist = np.unpackbits(filled[start : start + ROWS, None], axis=1, bitorder="little")
+        row, index = np.arange(start, start + len(exist)), np.empty(exist.shape, np.int32)
         parity = (row ^ row >> 3) & 1
         for side in (0, 1):
             there = exist[:, side::2]
             before = np.cumsum(there, axis=1, dtype=np.int32) - there
-            index[:, side::2] = self.first[row, parity ^ side][:, None] + before
-        return index[exist > 0]
+            index[:, side::2] = first[row, parity ^ side][:, None] + before
+        yield index[exist > 0]
 
 
 def clearance_map(device: Device, grid: Grid, solid: np.ndarray, is_cut: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,6 @@ import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 from clsss.device import Device
 from clsss.diffusion import Coefficients, Field, Load, cell_points, channels
 from clsss.fresnel import entering_gain
+from clsss.heap import give_back
 from clsss.interreflection import Interreflection, PatchCoupling
 from clsss.layer import Layer
 from clsss.mesh import Mesh
@@ -26,10 +26,12 @@ from clsss.octree import Octree
 from clsss.rays import RayCaster
 from clsss.single import split
 from clsss.source import Deposit, light_unit, make_source
+from clsss.stowed import Stowed, stow
 from clsss.surface import Shares
 
 Progress = Callable[[str, float], None]
-CHUNK = 1 << 16  # cells that are copied to or from the device at a time
+MANY = 1 << 19  # cells whose free memory is worth a millisecond
+CHUNK = 1 << 16  # cells at a time, so that what is reckoned with takes little memory
 
 
 @dataclass(eq=False)
@@ -51,11 +53,6 @@ class Setup:
     bytes_before: int  # that other results held on the device
     _on_device: weakref.ref[Fluence] | None = None
 
-    @cached_property
-    def right_hand_side(self) -> Load:
-        """Of one set of lights after the other: no solution needs it any more."""
-        return Load(self.device, self.octree)
-
     def vacate(self) -> None:
         """Make room: the device holds the fluence of one solution at a time, and of none while sources are made."""
         found = self._on_device and self._on_device()
@@ -72,7 +69,7 @@ class Setup:
 
 
 class Fluence:
-    """Fluence in the cells of one solution: on the device until it makes room for another's, then on the host.
+    """Fluence in the cells of one solution: on the device until it makes room for another's, then stowed.
 
     Attributes
     ----------
@@ -80,29 +77,23 @@ class Fluence:
         On the device.
     """
 
-    def __init__(self, field: Field, octree: Octree):
+    def __init__(self, field: Field):
         self.field: Field | None = field
-        self._sizes = [level.n for level in octree.levels]
-        self._kept: list[np.ndarray] = []  # (n, 3) real of each level
+        self._stowed: Stowed | None = None  # (n, 3) real, all rows of the field
 
     def leave(self) -> None:
-        """From now on be on the host."""
-        if self.field and not self._kept:
-            kept = [np.empty((n, 3), x.dtype) for x, n in zip(self.field, self._sizes, strict=True)]
-            for x, values in zip(self.field, kept, strict=True):
-                for first in range(0, len(values), CHUNK):
-                    part = values[first : first + CHUNK]
-                    part[:] = x.get(first, len(part))[:, :3]
-            self._kept = kept  # only now: Ctrl-C may come before
-        self.field = None
+        """From now on be stowed."""
+        if self.field and not self._stowed:
+            whole = self.field.whole
+            self._stowed = Stowed((whole.shape[0], 3), whole.dtype, lambda first, n: whole.get(first, n)[:, :3])
+        self.field = None  # only now: Ctrl-C may come before
 
     def copy(self, device: Device, octree: Octree, scale: float | np.ndarray = 1.0) -> Field:
-        """A copy on the device of what is on the host, times `scale` by channels; ghosts are zero."""
+        """A copy on the device of what is stowed, times `scale` by channels; ghosts are stale."""
+        assert self._stowed
         field = Field(device, octree)
-        for start, values in zip(field.start[:-1], self._kept, strict=True):
-            for first in range(0, len(values), CHUNK):
-                part = values[first : first + CHUNK] * np.asarray(scale, values.dtype)
-                field.whole.rows(start + first, len(part)).set(channels(part))
+        for first, part in self._stowed.parts():
+            field.whole.set(channels(part * np.asarray(scale, part.dtype)), first)
         return field
 
 
@@ -116,15 +107,15 @@ class Solution:
         Strength of the lights [W/mm^2].
     phi : Fluence
         In the cells; the device holds one solution's at a time (`Setup.hold`).
-    flux : (n_cut, 3) real
+    flux : Stowed (n_cut, 3) real
         J.n at the boundary of the cut cells: what leaves them for good.
-    exitance : (n_cut, 3) real
+    exitance : Stowed (n_cut, 3) real
         All scattered light that comes out there.
-    once : (n_cut, 3) float64, or None
+    once : Stowed (n_cut, 3) float64, or None
         The part of the exitance that was scattered once, where it is traced.
     leaving : (p, 3) float64
         B of each patch of the exchange.
-    moment : (n_cut, 3) float64, or None
+    moment : Stowed (n_cut, 3) float64, or None
         First moment at the boundary of all its sources, light from other parts of the surface included, where the
         energy balance of a fitted layer needs it.
     source : Deposit
@@ -133,11 +124,11 @@ class Solution:
 
     unit: float
     phi: Fluence
-    flux: np.ndarray
-    exitance: np.ndarray
-    once: np.ndarray | None
+    flux: Stowed
+    exitance: Stowed
+    once: Stowed | None
     leaving: np.ndarray
-    moment: np.ndarray | None
+    moment: Stowed | None
     source: Deposit
     convergence: Convergence
 
@@ -161,23 +152,26 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     Returns
     -------
     Solution
-    fluence : (n_cut, 3) real
-        Of diffuse light just inside the surface, in multiples of the solution's unit.
+    fields : (n_cut, 6 or 9) real
+        Exitance, fluence of diffuse light just inside the surface and, where it is traced, exitance of what was
+        scattered once, in multiples of the solution's unit.
     """
     device, octree, medium = setup.device, setup.octree, setup.medium
     unit = light_unit(list(lights), setup.mesh.size)
     setup.vacate()
+    _tidy(octree)
     with timed("source", seconds, tell), setup.multigrid.lent() as room:
         source = make_source(
             device, octree, medium, list(lights), unit, setup.shadows, lambda f: tell("source", f),
-            (setup.right_hand_side, setup.multigrid.e, room),
+            (Load(device, octree), setup.multigrid.e, room),
         )
     once: np.ndarray | None = None
-    kept: Any = 0.0
+    kept: np.ndarray | None = None
     if setup.split:
         with timed("single", seconds, tell):
             once, kept, source = split(device, octree, medium, list(lights), unit, source, setup.shadows,
                                        setup.tolerance, lambda f: tell("single", f))  # fmt: skip
+    _tidy(octree)
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
         brighter = np.zeros(3)
@@ -194,19 +188,44 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
             source.b, phi, setup.tolerance, progress=lambda f: tell("solve", f), follower=follower,
             from_zero=last is None,
         )  # fmt: skip
-        moment = source.moment.get() if setup.layer else None
-        flux, entering = follower.surface(phi) if follower else (
-            setup.multigrid.residual.boundary_flux(phi, source.moment, source.moment), 0.0)  # fmt: skip
-    gain = entering_gain(medium.eta)
-    exitance = flux + entering
-    fluence = (2 * medium.fresnel_A * flux + gain * (entering + kept)).astype(device.real)
+        deposit, moment = Deposit(source.wall, source.deposited, source.incident, source.lost), source.moment
+        moments = moment.get() if setup.layer else None
+        del source  # its right-hand side has served
+        _tidy(octree)
+        if follower:
+            flux, entering = follower.surface(phi)
+        else:
+            flux = setup.multigrid.residual.boundary_flux(phi, moment, moment)
+            entering = np.zeros_like(flux)
     leaving = follower.leaving if follower else np.zeros((0, 3))
-    if moment is not None:
-        moment = moment - gain * entering
-    deposit = Deposit(source.wall, source.deposited, source.incident, source.lost)
-    solution = Solution(unit, Fluence(phi, octree), flux, exitance, once, leaving, moment, deposit, convergence)
+    balance = None if moments is None else stow(moments - entering_gain(medium.eta) * entering)
+    stowed = stow(flux)
+    _turn_into_light(medium, flux, entering, kept)
+    traced = None if once is None else stow(once)
+    solution = Solution(unit, Fluence(phi), stowed, stow(flux), traced, leaving, balance, deposit, convergence)
     setup.hold(solution.phi)
-    return solution, fluence
+    parts = [flux, entering] if once is None else [flux, entering, once]
+    fields = np.concatenate(parts, axis=1, dtype=flux.dtype)
+    del flux, entering, once, parts
+    _tidy(octree)
+    return solution, fields
+
+
+def _tidy(octree: Octree) -> None:
+    """Give back what the device no longer needs of the host's memory, where that is worth a millisecond."""
+    if octree.n_cells > MANY:
+        give_back()
+
+
+def _turn_into_light(medium: Coefficients, flux: np.ndarray, entering: np.ndarray, kept: np.ndarray | None) -> None:
+    """Put exitance and fluence (n_cut, 3), of what leaves, enters and is kept inside, in the place of the first two."""
+    gain = entering_gain(medium.eta)
+    for first in range(0, len(flux), CHUNK):
+        leaves, enters = flux[first : first + CHUNK], entering[first : first + CHUNK]
+        held = enters if kept is None else enters + kept[first : first + CHUNK]
+        fluence = 2 * medium.fresnel_A * leaves + gain * held
+        leaves += enters
+        enters[:] = fluence
 
 
 def interpolate(setup: Setup, solution: Solution, points: np.ndarray) -> np.ndarray:

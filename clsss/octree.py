@@ -18,10 +18,11 @@ from clsss.coarsening import DENSE, STEP, Cells, coarsen, coarsen_further, fines
 from clsss.cutcell import CutCells, Grid, Samples, cut_moments
 from clsss.device import Buffer, Device
 from clsss.kept import kept
-from clsss.leafmap import LeafMap, clearance_map
+from clsss.leafmap import LeafMap, clearance_map, finest_by_bricks
 from clsss.level import Level, make_levels
 from clsss.refinement import Refine, pool, split_masks, spread
 from clsss.room import Room
+from clsss.stowed import Stowed, stow
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +35,7 @@ class Octree:
         Where the cells of the coarsest level are, in its widths; where others are follows from `Level.child`.
     cut_index : (n,) int32, device
         For each finest cell its place among `cut`, or -1 where it is full.
-    leaf_map : LeafMap
-    near, clearance : int32 and uint8, on the host
+    near, clearance : Stowed int32 and uint8
         How far each cell of the finest grid is from one of another kind (body.h).
     thickness : (k,) float64
         As in `Samples`.
@@ -46,10 +46,10 @@ class Octree:
     coarsest: np.ndarray
     cut: CutCells
     cut_index: Buffer
-    leaf_map: LeafMap
-    near: np.ndarray
-    clearance: np.ndarray
+    near: Stowed
+    clearance: Stowed
     thickness: np.ndarray
+    _map: tuple[Stowed, ...]
 
     @property
     def finest(self) -> Level:
@@ -81,19 +81,29 @@ class Octree:
 
     def lend_map(self) -> tuple[Any, ...]:
         """The leaf map as kernels take it (tree.h), on the device for as long as that is held: no solve needs it."""
-        return self.leaf_map.on_device(self.device, self.grid)
+        return (self.grid.dims, *(values.on_device(self.device) for values in self._map))
+
+    @property
+    def leaf_map(self) -> LeafMap:
+        """The same on the host."""
+        return LeafMap(*(values.get() for values in self._map))
+
+    def finest_by_bricks(self) -> list[np.ndarray]:
+        """All finest cells in an order in which neighbours are close, in some parts."""
+        _, _, first, filled = self._map
+        return list(finest_by_bricks(first.get(), filled.get()))
 
     def lend_cells(self, room: Room | None = None) -> tuple[Any, ...]:
         """The leaf map and, in `room` if given, the clearance, likewise; the cut cells' places and boundaries."""
         room, cut = room or Room(self.device), self.cut
-        clearance = room.array(self.near), room.array(self.clearance)
+        clearance = self.near.on_device(room), self.clearance.on_device(room)
         return (*self.lend_map(), *clearance, self.cut_index, cut.boundary, cut.normal)
 
     def lend_body(self, leaves: bool = True, room: Room | None = None) -> tuple[Any, ...]:
         """What rays run through, likewise (body.h), but for the extinction; `leaves`: whether they ask for leaves."""
-        device, room, n, n_cut = self.device, room or Room(self.device), self.near.size, self.cut.n
+        device, room, n, n_cut = self.device, room or Room(self.device), self.near.shape[0], self.cut.n
         cells, plane = (*self.lend_cells(room), self.cut.centroid), room.empty((n_cut, 4))
-        planes = room.empty((8 * len(self.clearance),), np.int32), plane, room.empty((n_cut,), np.int32)
+        planes = room.empty((8 * self.clearance.shape[0],), np.int32), plane, room.empty((n_cut,), np.int32)
         device.run(device.kernel("planes", "list_planes"), n, n, *cells, device.array(first_planes(self)), *planes)
         return (self.grid.dims, *(cells[1:5] if leaves else [None] * 4), *cells[5:], *planes)
 
@@ -102,11 +112,13 @@ class Octree:
         """Cells of all levels."""
         return sum(level.n for level in self.levels)
 
-    def volume(self, level: Level) -> np.ndarray:
-        """Volume inside the object of the cells (n,) of a level [mm^3]."""
-        volume = np.full(level.n, level.h**3)
+    def volume(self, level: Level, first: int = 0, n: int | None = None) -> np.ndarray:
+        """Volume inside the object of the cells (n,) of a level, all or `n` from `first` on [mm^3]."""
+        volume = np.full(level.n - first if n is None else n, level.h**3)
         if level is self.finest:
-            volume[self.cut.cell.get()] *= self.cut.centroid.get()[:, 3]
+            cell = self.cut.cell.get()
+            start, end = np.searchsorted(cell, [first, first + len(volume)])
+            volume[cell[start:end] - first] *= self.cut.centroid.get(start, end - start)[:, 3]
         return volume
 
     def volumes(self) -> list[np.ndarray]:
@@ -115,7 +127,7 @@ class Octree:
 
     def apertures(self) -> np.ndarray:
         """Open part (n_cut, 6) of each face of the cut cells, -x +x -y +y -z +z."""
-        upper, cell, cut_index = self.cut.aperture.astype(float), self.cut.cell.get(), self.cut_index.get()
+        upper, cell, cut_index = self.cut.aperture.get().astype(float), self.cut.cell.get(), self.cut_index.get()
         below = self.finest.nbr.get()[cell, ::2]
         cut = cut_index[np.minimum(below, self.finest.n - 1)]
         lower = np.where(cut >= 0, np.take_along_axis(upper[cut], np.arange(3)[None, :, None], axis=2)[:, :, 0], 1.0)
@@ -138,7 +150,7 @@ class Octree:
 @kept
 def first_planes(octree: Octree) -> np.ndarray:
     """Number of the first plane of each block that `near` gives a number (kernels/planes.cl)."""
-    count = np.count_nonzero(octree.clearance == 0, axis=1)
+    count = np.concatenate([np.count_nonzero(some == 0, axis=1) for _, some in octree.clearance.parts()])
     return (np.cumsum(count) - count).astype(np.int32)
 
 
@@ -180,12 +192,12 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
     near, clearance = clearance_map(device, grid, solid, is_cut)
     del solid, is_cut
     positions, colour_start, leaf, exists = _place_cells(has, split)
-    leaf_map = LeafMap(grid, exists, positions, leaf, colour_start[-1][1])
+    leaf_map = LeafMap.of_finest(grid, exists, positions, leaf, colour_start[-1][1])
     del exists, split
     nbr = _neighbours(device, grid, leaf_map, positions[-1])
     cut, cut_index = _cut_cells(device, samples, cut_rows, leaf_map, len(nbr))
     samples.use_up()
-    cells = [finest_cells(positions.pop(), colour_start[-1], nbr, cut.cell.get(), cut.aperture)]
+    cells = [finest_cells(positions.pop(), colour_start[-1], nbr, cut.cell.get(), cut.aperture.get())]
     del nbr
     parents: list[np.ndarray] = []
     while positions:
@@ -201,7 +213,8 @@ def build(device: Device, grid: Grid, samples: Samples, refine: Refine | None = 
         parents.insert(0, parent)
     coarsest = cells[0].ijk.astype(np.uint16)
     levels = make_levels(device, grid, cells, parents)
-    return Octree(grid, levels, coarsest, cut, cut_index, leaf_map, near, clearance, samples.thickness)
+    stowed = tuple(stow(values) for values in leaf_map.arrays)
+    return Octree(grid, levels, coarsest, cut, cut_index, stow(near), stow(clearance), samples.thickness, stowed)
 
 
 def _place_cells(has: list[np.ndarray], split: list[np.ndarray]) -> tuple[list[Any], list[Any], list[Any], np.ndarray]:
@@ -221,7 +234,7 @@ def _place_cells(has: list[np.ndarray], split: list[np.ndarray]) -> tuple[list[A
 def _neighbours(device: Device, grid: Grid, leaf_map: LeafMap, ijk: np.ndarray) -> np.ndarray:
     """Cells (n, 6) of the finest level at the six positions around each; -1: none."""
     nbr, n = device.empty((len(ijk), 6), np.int32), len(ijk)
-    tree = leaf_map.on_device(device, grid)
+    tree = (grid.dims, *(device.array(values) for values in leaf_map.arrays))
     device.run(device.kernel("octree", "neighbours"), n, n, *tree, device.array(ijk), nbr)
     return nbr.get()
 

@@ -10,18 +10,16 @@ from typing import Any
 import numpy as np
 
 from clsss import __version__
-from clsss.device import Buffer
 from clsss.lighting import Setup, Solution
+from clsss.octree import Octree
 from clsss.validity import thin_shares
 
-CHUNK = 1 << 16  # cells at a time, so that what is reckoned with takes little memory
+CHUNK = 1 << 15  # cells at a time, so that what is reckoned with takes little memory
 
 
 def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:
     """The report of a bake just made, of which the device still holds the fluence; `seconds` are of its stages."""
     tree, convergence = setup.octree, solution.convergence
-    area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
-    exited = area @ solution.flux
     return {
         "clsss": __version__,
         "device": setup.device.name,
@@ -50,7 +48,7 @@ def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict
             "incident_W": solution.source.incident.tolist(),
             "deposited_W": solution.source.deposited.tolist(),
             "absorbed_W": (_absorbed(setup, solution) * solution.unit).tolist(),
-            "exited_W": (exited * solution.unit).tolist(),
+            "exited_W": (_exited(tree, solution) * solution.unit).tolist(),
         },
         "seconds": {key.replace(" ", ""): round(value, 4) for key, value in seconds.items()},
         "memory_mb": {
@@ -60,16 +58,12 @@ def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict
     }
 
 
-def _weighted(values: Buffer, weights: np.ndarray, sigma_a: np.ndarray | None) -> np.ndarray:
-    """Sum (3,) over cells of values (n, 4), times weights (n,) or (n, 3) and, where it varies, sigma_a (n, 3)."""
-    summed = np.zeros(3)
-    for first in range(0, len(weights), CHUNK):
-        weight = weights[first : first + CHUNK]
-        some = values.get(first, len(weight))[:, :3].astype(float)
-        if sigma_a is not None:
-            some *= sigma_a[first : first + CHUNK, :3]
-        summed += weight @ some if weight.ndim == 1 else (weight * some).sum(axis=0)
-    return summed
+def _exited(tree: Octree, solution: Solution) -> np.ndarray:
+    """Power (3,) that leaves for good, in multiples of `unit`."""
+    exited = np.zeros(3)
+    for first, flux in solution.flux.parts():
+        exited += tree.cut.boundary.get(first, len(flux))[:, 3].astype(float) @ flux
+    return exited * tree.grid.h**2
 
 
 def _absorbed(setup: Setup, solution: Solution) -> np.ndarray:
@@ -78,10 +72,18 @@ def _absorbed(setup: Setup, solution: Solution) -> np.ndarray:
     absorbed = solution.source.lost / solution.unit
     rate = np.array(medium.sigma_a[-1].tolist())[:3] if medium.homogeneous else np.ones(3)
     for level, x, sigma_a in zip(tree.levels, setup.hold(solution.phi), medium.sigma_a, strict=True):
-        volume = layer.volume if layer and level is tree.finest else tree.volume(level) * level.leaf
-        absorbed += rate * _weighted(x, volume, None if medium.homogeneous else sigma_a)
+        for first in range(0, level.n, CHUNK):
+            n = min(CHUNK, level.n - first)
+            some = x.get(first, n)[:, :3].astype(float)
+            if not medium.homogeneous:
+                some *= sigma_a[first : first + n, :3]
+            if layer and level is tree.finest:
+                absorbed += rate * (layer.volume.rows(first, n) * some).sum(axis=0)
+                continue
+            volume = tree.volume(level, first, n)
+            absorbed += rate * ((volume * level.is_leaf.get(first, n) if level.child else volume) @ some)
     if layer and solution.moment is not None:
-        absorbed -= (layer.conductance * (layer.swell - 1) * solution.moment).sum(axis=0)
+        absorbed -= (layer.conductance.get() * (layer.swell.get() - 1) * solution.moment.get()).sum(axis=0)
     return absorbed
 
 

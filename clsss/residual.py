@@ -136,7 +136,9 @@ class Residual:
         """J.n = phi_B / (2A) there (n_cut, 3) [W/mm^2], for a complete `phi`; overwrites `phi_B`, if it is given."""
         phi_B = phi_B or self.device.empty(moment.shape)
         self.take_boundary_value(phi, moment, phi_B)
-        return phi_B.get() / (2 * self.op.medium.fresnel_A)
+        flux = phi_B.get()
+        flux /= 2 * self.op.medium.fresnel_A
+        return flux
 
     def add_flux(self, phi: Field, moment: Buffer, patches: tuple[Any, ...], blend: SparseMatrix, gain: float,
                  entered: Buffer, phi_B: Buffer, flux: Buffer) -> None:  # fmt: skip

@@ -29,6 +29,7 @@ from clsss.problem import checked_lights, checked_points
 from clsss.refinement import varies
 from clsss.report import account
 from clsss.single import DEPTHS, SingleScattering
+from clsss.stowed import Stowed
 from clsss.surface import shares_at
 from clsss.validity import ConvergenceWarning
 
@@ -67,23 +68,23 @@ class Result:
     report: dict[str, Any]
     _setup: Setup = field(repr=False)
     _solution: Solution = field(repr=False)
-    _at_vertices: list[np.ndarray] = field(repr=False)  # as computed, in the solution's unit: half of what users get
+    _at_vertices: np.ndarray = field(repr=False)  # as computed, in the solution's unit: half of what users get
 
     @cached_property
     def vertex_radiosity(self) -> np.ndarray:
         """Radiant exitance (v, 3) of the scattered light, all orders, at the mesh's vertices [W/mm^2], float64."""
-        return np.multiply(self._at_vertices[0], self._solution.unit, dtype=float)
+        return np.multiply(self._at_vertices[:, :3], self._solution.unit, dtype=float)
 
     @cached_property
     def vertex_fluence(self) -> np.ndarray:
         """Fluence (v, 3) of the scattered light just inside the surface [W/mm^2], float64."""
-        return np.multiply(self._at_vertices[1], self._solution.unit, dtype=float)
+        return np.multiply(self._at_vertices[:, 3:6], self._solution.unit, dtype=float)
 
     @cached_property
     def vertex_radiosity_single(self) -> np.ndarray | None:
         """With ``scattering="split"``, the part of `vertex_radiosity` that was scattered exactly once, else None."""
-        once = [np.multiply(values, self._solution.unit, dtype=float) for values in self._at_vertices[2:]]
-        return np.minimum(once[0], self.vertex_radiosity) if once else None
+        once = np.multiply(self._at_vertices[:, 6:], self._solution.unit, dtype=float)
+        return np.minimum(once, self.vertex_radiosity) if once.size else None
 
     @property
     def blockers(self) -> tuple[Mesh, ...]:
@@ -109,10 +110,10 @@ class Result:
             raise InputError('scattering: bake with scattering="split" to tell single scattering apart')
         return np.minimum(self._at(checked_points(points), once), self.radiosity(points))
 
-    def _at(self, points: np.ndarray, field: np.ndarray) -> np.ndarray:
+    def _at(self, points: np.ndarray, field: Stowed) -> np.ndarray:
         """A field of the cut cells at points on or near the surface."""
         shares = shares_at(self._setup.device, self._setup.octree, points)
-        return np.multiply(shares.carry(field)[0], self._solution.unit, dtype=float)
+        return np.multiply(shares.carry(field.get()), self._solution.unit, dtype=float)
 
     @cached_property
     def _once(self) -> SingleScattering:
@@ -285,14 +286,13 @@ def simulate(mesh: Mesh, medium: Any, lights: Sequence[Any], resolution: int = 1
 def _bake(setup: Setup, medium: Any, lights: tuple[Any, ...], last: Solution | None, seconds: dict[str, float],
           start: float, tell: Progress) -> Result:  # fmt: skip
     """Light the object, and carry what leaves it to the vertices."""
-    solution, inside = light(setup, lights, last, seconds, tell)
+    solution, fields = light(setup, lights, last, seconds, tell)
     with timed("surface", seconds, tell):
-        fields = [field for field in (solution.exitance, inside, solution.once) if field is not None]
-        at_vertices = setup.at_vertices.carry(*fields)
+        fields = setup.at_vertices.carry(fields)  # of cut cells before, of vertices now
     seconds["total"] = seconds["load"] + perf_counter() - start
     if not solution.convergence.converged:
         worst = float(solution.convergence.residuals[-1].max())
         advice = "use double precision" if setup.device.precision == "single" else "allow a larger tolerance"
         text = f"the solve stopped after {solution.convergence.cycles} cycles at a residual of {worst:.1e}, short of "
         warnings.warn(text + f"the tolerance {setup.tolerance:.0e}: {advice}", ConvergenceWarning, stacklevel=4)
-    return Result(setup.mesh, medium, lights, account(setup, solution, seconds), setup, solution, at_vertices)
+    return Result(setup.mesh, medium, lights, account(setup, solution, seconds), setup, solution, fields)

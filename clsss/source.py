@@ -75,9 +75,9 @@ def _add_emission(beams: Beams, light: Emission, unit: float) -> np.ndarray:
         power = density * volumes[k][:, None]
         lost += power.sum(axis=0)
         if layer and level is octree.finest:
-            moment = density[cells] * layer.moment
-            power = density * layer.volume
-            power[cells] += layer.conductance * moment
+            moment = density[cells] * layer.moment.get()
+            power = density * layer.volume.get()
+            power[cells] += layer.conductance.get() * moment
             beams.moment.set(beams.moment.get() + moment)
         lost -= power.sum(axis=0)
         q.set(q.get() + power)

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from clsss.device import Buffer, Device
 from clsss.octree import Octree
+from clsss.stowed import stow
 
 RADII = (1.5, 2.5)  # in cells; the wider where the narrower finds too few cut cells
 WIDTH = 24  # cut cells that most fits do with
@@ -62,23 +63,27 @@ class Shares:
     """
 
     def __init__(self, parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]], n_cut: int):
-        self._parts, self._n_cut = parts, n_cut
-        self._n = sum(len(start) - 1 for _, _, start in parts)
+        shares, columns, starts = zip(*parts, strict=True)
+        self._shares, self._columns, self._n_cut = stow(*shares), stow(*columns), n_cut
+        count = np.concatenate([np.diff(start) for start in starts])
+        self._start = stow(np.concatenate([[0], np.cumsum(count)]).astype(np.int32))
 
     def __matmul__(self, values: np.ndarray) -> np.ndarray:
         """Values (n, ...) at the points, of values (n_cut, ...)."""
-        out, first = np.empty((self._n, *values.shape[1:]), values.dtype), 0
-        for shares, columns, start in self._parts:
-            last = first + len(start) - 1
-            matrix = sparse.csr_matrix((shares, columns.astype(np.int32), start), (last - first, self._n_cut))
-            out[first:last] = matrix @ values
-            first = last
+        n = self._start.shape[0] - 1
+        out = np.empty((n, *values.shape[1:]), values.dtype)
+        for first in range(0, n, CHUNK):
+            start = self._start.rows(first, min(CHUNK, n - first) + 1)
+            low, high = int(start[0]), int(start[-1])
+            entries = self._shares.rows(low, high - low), self._columns.rows(low, high - low).astype(np.int32)
+            matrix = sparse.csr_matrix((*entries, start - low), (len(start) - 1, self._n_cut))
+            out[first : first + CHUNK] = matrix @ values
         return out
 
-    def carry(self, *fields: np.ndarray) -> list[np.ndarray]:
+    def carry(self, fields: np.ndarray) -> np.ndarray:
         """Fields (n_cut, k) at the points; next to a shadow a fit may run below zero."""
-        values = self @ np.concatenate(fields, axis=1, dtype=fields[0].dtype)
-        return np.split(np.maximum(values, 0, out=values), len(fields), axis=1)
+        values = self @ fields
+        return np.maximum(values, 0, out=values)
 
 
 def shares_at(device: Device, octree: Octree, points: np.ndarray, normals: np.ndarray | None = None) -> Shares:
@@ -106,7 +111,7 @@ def shares_at(device: Device, octree: Octree, points: np.ndarray, normals: np.nd
         normals[unknown] = direction[cKDTree(centre).query(points[unknown])[1]]
     cells, parts, nearest = octree.lend_cells(), [], None
     place = np.uint16 if octree.cut.n <= 1 << 16 else np.int32
-    for first in range(0, n, CHUNK):
+    for first in range(0, max(1, n), CHUNK):
         some = points[first : first + CHUNK]
         used, cuts, shares = _fit(device, octree, cells, some, normals[first : first + CHUNK])
         far = np.flatnonzero(used == 0)

@@ -95,7 +95,7 @@ def test_faces_open_towards_cells_only(device, eps, any_solid):
     in `test_every_cell_closes`, which takes the lower ones from the cells beyond."""
     tree = build_tree(device, any_solid, 16, refine=None)
     nbr, n = tree.finest.nbr.get(), tree.finest.n
-    cell, cut_index, aperture = tree.cut.cell.get(), tree.cut_index.get(), tree.cut.aperture
+    cell, cut_index, aperture = tree.cut.cell.get(), tree.cut_index.get(), tree.cut.aperture.get()
     for axis in range(3):
         other = nbr[cell, 2 * axis + 1]
         alone = other == cell
@@ -107,7 +107,7 @@ def test_faces_open_towards_cells_only(device, eps, any_solid):
 def test_centroids_of_faces_are_those_of_the_plane(double):
     """A plane between the nodes cuts squares: known centroids of what is left of them."""
     tree = build_tree(double, box((14.0, 14.0, 14.0), ROTATION), 16, refine=None)
-    cut, nbr = tree.cut, tree.finest.nbr.get()
+    cut, aperture, nbr = tree.cut, tree.cut.aperture.get(), tree.finest.nbr.get()
     n, cell, cut_index = ROTATION[:, 2], tree.cut.cell.get(), tree.cut_index.get()
     local = tree.cut_positions() + 0.5
     points = tree.grid.to_mm(local)
@@ -120,7 +120,7 @@ def test_centroids_of_faces_are_those_of_the_plane(double):
         for row in np.flatnonzero(flat & (other != cell) & (cut_index[np.minimum(other, tree.finest.n - 1)] >= 0)):
             s, t = (np.stack(np.meshgrid(*2 * [np.arange(400) / 400 + 1 / 800], indexing="ij"))).reshape(2, -1)
             inside = depth[row] - n[axis] - s * n[u] - t * n[w] > 0
-            np.testing.assert_allclose(cut.aperture[row, axis], inside.mean(), atol=4e-3)
+            np.testing.assert_allclose(aperture[row, axis], inside.mean(), atol=4e-3)
             if inside.mean() > 0.05:
                 expected = s[inside].mean(), t[inside].mean()
                 np.testing.assert_allclose(cut.face_centroid.get()[row, axis], expected, atol=4e-3)
@@ -134,7 +134,7 @@ def test_places_in_faces_have_16_bits_in_single_precision(single, double):
     found, exact = (tree.cut.face_centroid.get() for tree in trees)
     assert found.dtype == np.uint16
     np.testing.assert_array_equal(trees[0].cut.cell.get(), trees[1].cut.cell.get())
-    open_ = trees[1].cut.aperture > 1e-2
+    open_ = trees[1].cut.aperture.get() > 1e-2
     assert open_.sum() > 3000
     np.testing.assert_allclose(found[open_] / 2**16, exact[open_], atol=2**-17 + 2e-5)
 

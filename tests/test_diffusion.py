@@ -147,7 +147,7 @@ def test_residual_conserves(double, medium):
     volumes, layer = [v[:, None] for v in tree.volumes()], fitted_layer(double, tree, op.medium)
     assert (layer is None) == (medium is CLEAR)
     if layer is not None:
-        volumes[-1] = layer.volume
+        volumes[-1] = layer.volume.get()
     for x, p, volume, level in zip(phi, points, volumes, tree.levels, strict=True):
         sigma_a = medium.coefficients(p)[0] * scale_of(medium, p)
         absorbed += (x.get()[: level.n, :3] * sigma_a * volume * level.leaf[:, None]).sum(axis=0)
@@ -219,7 +219,7 @@ class Dense:
         self.cut = {int(cell): k for k, cell in enumerate(cut)}
         self.boundary, self.normal = tree.cut.boundary.get(), tree.cut.normal.get()[:, :3]
         self.normal = self.normal / np.linalg.norm(self.normal, axis=1, keepdims=True)
-        self.aperture, self.face_centroid = tree.cut.aperture, tree.cut.face_centroid.get()
+        self.aperture, self.face_centroid = tree.cut.aperture.get(), tree.cut.face_centroid.get()
         self.medium, self.points = medium, diffusion.cell_points(tree)[-1]
         sigma_a, sigma_s = medium.coefficients(self.points)
         self.sigma_a = sigma_a[:, 0]

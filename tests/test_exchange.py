@@ -182,7 +182,7 @@ def test_cavity_gives_back_what_it_takes(eta):
     """Nothing is absorbed inside an empty cavity: J.n over its wall sums to zero."""
     medium = Material(sigma_a=0.05, sigma_s=1.0, eta=eta)
     result = simulate(hollow_sphere(10, 5), medium, [DirectionalLight((0, 0, -1))], resolution=40)
-    tree, flux = result._setup.octree, result._solution.flux[:, 0]
+    tree, flux = result._setup.octree, result._solution.flux.get()[:, 0]
     area = tree.cut.boundary.get()[:, 3].astype(float) * tree.grid.h**2
     inner = np.linalg.norm(boundary_points(tree)[0], axis=1) < 7.5
     assert abs(area[inner] @ flux[inner]) <= 0.03 * area[inner] @ np.abs(flux[inner])

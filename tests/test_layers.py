@@ -41,7 +41,7 @@ LAYERS = {
         "tomlfile",
         "paint",
     ],
-    0.15: ["orientation", "exposure"],
+    0.15: ["orientation", "exposure", "stowed"],
     0.2: ["repair", "renderer", "doctor", "triangles"],
     0.3: ["mesh"],
     0.4: ["validity", "volumes", "thickness", "problem"],

@@ -226,7 +226,7 @@ def test_right_hand_side_in_wide_cells_lacks_what_is_absorbed_on_the_way(double)
     tree, found = source_of(double, sphere(), 16, medium, [DirectionalLight((0, 0, -1)), Emission(1.0)])
     layer = fitted_layer(double, tree, coefficients(double, tree, medium))
     total = sum(b.get()[: level.n, 0].sum() for level, b in zip(tree.levels, found.b, strict=True))
-    passed = (layer.conductance * found.moment.get()[:, :3]).sum(axis=0)
+    passed = (layer.conductance.get() * found.moment.get()[:, :3]).sum(axis=0)
     assert (found.lost > 0.05 * found.deposited).all()
     assert total == pytest.approx((found.deposited - found.lost - passed)[0] / medium.D[0], rel=1e-10)
 
