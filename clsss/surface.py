@@ -109,9 +109,10 @@ def shares_at(device: Device, octree: Octree, points: np.ndarray, normals: np.nd
         centre, direction = boundary_points(octree)
         normals = normals.copy()
         normals[unknown] = direction[cKDTree(centre).query(points[unknown])[1]]
-    cells, parts, nearest = octree.lend_cells(), [], None
+    cells, nearest = octree.lend_cells(), None
     place = np.uint16 if octree.cut.n <= 1 << 16 else np.int32
-    for first in range(0, max(1, n), CHUNK):
+    parts = [(np.empty(0, device.real), np.empty(0, place), np.zeros(1, np.int32))]  # there may be no points
+    for first in range(0, n, CHUNK):
         some = points[first : first + CHUNK]
         used, cuts, shares = _fit(device, octree, cells, some, normals[first : first + CHUNK])
         far = np.flatnonzero(used == 0)
