@@ -133,4 +133,5 @@ def in_wide_cells(tree: Octree, lights: Sequence[Any]) -> bool:
         depth, leaf = tree.find(points)
         return (depth > 0) & (leaf >= 0)
 
-    return bool(wide(Inner(tree.grid, lights, wide).places).any())
+    places = Inner(tree.grid, lights, wide).places
+    return len(places) > 0 and bool(wide(places).any())
