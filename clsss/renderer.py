@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clsss.errors import DeviceError
+
 if TYPE_CHECKING:
     import moderngl
 
@@ -197,23 +199,37 @@ class Renderer:
         self._overlay.render(moderngl.TRIANGLES, 3)
 
     def _targets_of(self, size: tuple[int, int]) -> tuple[Any, ...]:
+        import moderngl
+
         if not self._targets or self._targets[2].size != size:
             for part in self._targets:
                 part.release()
-            samples = min(SAMPLES, self.context.max_samples)
-            texture = self.context.texture(size, 4, dtype="f2")
-            self._targets = (
-                self.context.framebuffer(
-                    [self.context.renderbuffer(size, 4, samples=samples, dtype="f2")],
-                    self.context.depth_renderbuffer(size, samples=samples),
-                ),
-                self.context.framebuffer([texture]),
-                texture,
-            )
+            self._targets = ()
+            try:
+                self._targets = self._new_targets(size)
+            except moderngl.Error as error:
+                text = f"OpenGL cannot hold a picture of {size[0]} x {size[1]} pixels ({error}); make it smaller"
+                raise DeviceError(text) from error
         return self._targets
 
+    def _new_targets(self, size: tuple[int, int]) -> tuple[Any, ...]:
+        samples = min(SAMPLES, self.context.max_samples)
+        texture = self.context.texture(size, 4, dtype="f2")
+        multisampled = self.context.framebuffer(
+            [self.context.renderbuffer(size, 4, samples=samples, dtype="f2")],
+            self.context.depth_renderbuffer(size, samples=samples),
+        )
+        return multisampled, self.context.framebuffer([texture]), texture
+
     def picture(self, size: tuple[int, int], camera: Camera | None, exposure: float = 0.0) -> np.ndarray:
-        """The picture as sRGB bytes (h, w, 3), top row first; `draw` into memory."""
+        """The picture as sRGB bytes (h, w, 3), top row first; `draw` into memory.
+
+        Raises
+        ------
+        DeviceError
+            It is too large for OpenGL or its memory.
+        """
+        self._targets_of(size)  # tells where it is too large
         target = self.context.simple_framebuffer(size, 3)
         self.draw(target, size, camera, exposure)
         rows = np.frombuffer(target.read(components=3, alignment=1), np.uint8)

@@ -75,6 +75,7 @@ def screenshot(args: argparse.Namespace) -> None:
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: pictures are saved as .png")
     renderer = Renderer(standalone_context())
+    renderer.picture(args.window_size, None)  # before the bake, if it is too large
     result = bake_with_bar(args)
     renderer.set_mesh(result.mesh)
     width, height = args.window_size

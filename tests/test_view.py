@@ -59,6 +59,12 @@ def test_background_alone(renderer):
     assert picture.max() < 80
 
 
+def test_pictures_that_opengl_cannot_hold_are_refused(renderer):
+    with pytest.raises(DeviceError, match=r"cannot hold a picture of 100000 x 16 pixels .*; make it smaller"):
+        renderer.picture((100000, 16), None)
+    assert renderer.picture(SIZE, None).shape == (SIZE[1], SIZE[0], 3)
+
+
 def test_grey_before_the_bake(renderer, square):
     renderer.set_mesh(square)
     middle = renderer.picture(SIZE, front(square))[45, 80].astype(int)
