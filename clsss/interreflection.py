@@ -103,7 +103,7 @@ class PatchCoupling:
             device.kernel("passage", name)
             for name in ("take_rows", "put_rows", "leave", "enter", "subtract_scaled", "add_rows", "advance")
         )
-        self._squares = [device.zeros((tiles(p), CHANNELS)) for _ in range(2)]
+        self._squares = device.zeros((tiles(p), 2, CHANNELS))  # of B, and of how far it moved
 
     def borrow(self, e: Field, room: Room) -> None:
         """Memory to work in.
@@ -141,11 +141,11 @@ class PatchCoupling:
         p = self.B.shape[0]
         self._arriving.multiply_both(self._entering, self.B, self.change, self._came_in, held)
         residual.add_flux(phi, r_B, self._patches, self._blend, self._gain, self._came_in, phi_B, self.change)
-        self.device.run(self._advance, GROUP * tiles(p), p, self.B, self.change, *self._squares, group=GROUP)
+        self.device.run(self._advance, GROUP * tiles(p), p, self.B, self.change, self._squares, group=GROUP)
 
     def moved(self) -> float:
         """How far the last step moved B, relative to its size."""
-        size, change = (np.sqrt(sum_of_parts(squares)) for squares in self._squares)
+        size, change = np.sqrt(sum_of_parts(self._squares))
         return float((change / np.where(size > 0, size, 1)).max())
 
     def add_arrived(self, r: Buffer) -> None:

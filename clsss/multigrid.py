@@ -1,6 +1,6 @@
 """Multigrid for the diffusion equation: defect correction around V-cycles of the two-point part.
 
-    r = Q - A_h phi;   phi <- phi + V(r);   until |r| <= tolerance |Q| in every channel
+    r = Q - A_h phi;   phi <- phi + w V(r);   until |r| <= tolerance |Q| in every channel
 
 A V(2,2) smooths each level by red-black relaxation on the cells of its own width; coarser leaves next to them
 hold still as ghosts. Restriction sums residuals, prolongation is linear along resistances, coarse coefficients
@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from clsss.fused import FusedLevels
 from clsss.residual import Residual
 from clsss.room import Room
 from clsss.rounding import Held, rounding_gain
+from clsss.steps import nearly_done, share
 from clsss.sums import inner_product
 
 SWEEPS = 2  # before and after the coarser level, on the finest
@@ -92,9 +94,8 @@ class Multigrid:
         self._prolong = device.kernel("prolong", "prolong")
         self._combine = device.kernel("reduce", "combine")
         self._fused = FusedLevels(op, self.e, self.r, self._invert_coarsest(), OVER, COARSE_SWEEPS)
-        # captured by the last solve: the next replays the cycle, unless light is coupled otherwise
-        self._cycle: Callable[[], None] | None = None
-        self._coupling: Coupling | None = None
+        # captured by the last solve, by what takes part in them: the next replays them, unless that is another
+        self._cycles: dict[Coupling | None, Callable[[], None]] = {}
 
     def _invert_coarsest(self) -> Buffer:
         level, op = self.op.octree.levels[0], self.op
@@ -230,8 +231,10 @@ class Multigrid:
         take_residual = capture(lambda: self.residual(phi, b, r))
         adjust = capture(lambda: follower.adjust(r)) if follower else None
         coupling = follower.coupling if follower else None
-        if self._cycle is None or self._coupling is not coupling:
-            self._cycle, self._coupling = capture(lambda: self.v_cycle(top, coupling)), coupling
+        self._cycles = {
+            c: self._cycles.get(c) or capture(partial(self.v_cycle, top, c)) for c in {None, coupling}
+        }  # fmt: skip
+        cycle, uncoupled = self._cycles[coupling], self._cycles[None]
         anderson: Anderson | None = None
         held: Held | None = None
         undecided = True
@@ -271,8 +274,8 @@ class Multigrid:
                     anderson = Anderson(self.device, phi, r, follower)
             if anderson:
                 anderson.combine()
-            self._cycle()
-            if anderson:
+                cycle()
                 anderson.add_correction(self.e)
             else:
-                self.combine(1, self.e, 1, phi)
+                (uncoupled if nearly_done(history, tolerance) else cycle)()
+                self.combine(share(history, tolerance), self.e, 1, phi)

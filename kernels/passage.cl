@@ -69,7 +69,7 @@ __kernel void add_rows(const int n, __global const REAL *restrict x, __global RE
 /* B becomes what `change` holds and `change` how far that is; partial sums of the squares of both, one of each tile. */
 // cost advance: 768R B, 960 flop
 __kernel void advance(const int n, __global REAL *restrict B, __global REAL *restrict change,
-                      __global REAL4 *restrict size, __global REAL4 *restrict moved) {
+                      __global REAL4 *restrict partial) {
     __local REAL4 part[GROUP];
     REAL4 sum = (REAL4)(0), sum_moved = (REAL4)(0);
     for (int i = first_of_tile(); i < end_of_tile(n); i += GROUP) {
@@ -79,6 +79,6 @@ __kernel void advance(const int n, __global REAL *restrict B, __global REAL *res
         sum += now * now;
         sum_moved += step * step;
     }
-    sum_of_group(sum, part, size + get_group_id(0));
-    sum_of_group(sum_moved, part, moved + get_group_id(0));
+    sum_of_group(sum, part, partial + 2 * get_group_id(0));
+    sum_of_group(sum_moved, part, partial + 2 * get_group_id(0) + 1);
 }

@@ -58,7 +58,7 @@ LAYERS = {
     3.06: ["sums"],
     3.1: ["beams", "anderson", "fused"],
     3.15: ["source"],
-    3.2: ["rounding"],
+    3.2: ["rounding", "steps"],
     4: ["arguments", "multigrid", "surface"],
     4.1: ["exchange", "single"],
     4.12: ["boundary"],
