@@ -69,7 +69,8 @@ class Buffer:
         row, end = self.nbytes // max(1, self.shape[0]), self.shape[0] if end is None else end
         start, stop = first * row, end * row
         if stop > start:
-            pattern, size = self.dtype.type(value), stop - start
+            size = stop - start
+            pattern = np.full(np.gcd.reduce((start, size, 64)) // self.dtype.itemsize, value, self.dtype)  # long: faster
             self.device.enqueue(lambda queue: cl.enqueue_fill_buffer(queue, self.data, pattern, start, size))
 
     def copy_from(self, other: Buffer) -> None:
