@@ -70,7 +70,7 @@ class Buffer:
         start, stop = first * row, end * row
         if stop > start:
             size = stop - start
-            pattern = np.full(np.gcd.reduce((start, size, 64)) // self.dtype.itemsize, value, self.dtype)  # long: faster
+            pattern = np.full(np.gcd.reduce((start, size, 64)) // self.dtype.itemsize, value, self.dtype)  # faster
             self.device.enqueue(lambda queue: cl.enqueue_fill_buffer(queue, self.data, pattern, start, size))
 
     def copy_from(self, other: Buffer) -> None:
