@@ -37,20 +37,17 @@ static void look_around(const Body body, Axis *axis, const Ints place, Ints *nea
 static void attenuate(const Body body, const Reals length, const Ints code, Passage *met) {
     met->solid.all += length.all;
 #ifdef HETEROGENEOUS
-    for (int l = 0; l < LANES; l++) {
-        if (!(length.at[l] > 0)) continue;
-        const int c = code.at[l];
-        met->tau[l] += colours_at(body.depth_start[c & 15] + (c >> 4), body.extinction) * length.at[l];
-    }
+    const INTN place = 3 * (gather(body.depth_start, code.all & 15) + (code.all >> 4));
+#pragma unroll
+    for (int k = 0; k < 3; k++) met->depth[k].all += gather_reals(body.extinction, place + k) * length.all;
 #endif
 }
 
 /* Which rays need not go on, for their optical depth exceeds what matters. */
 static INTN opaque(const Body body, const Passage *met) {
 #ifdef HETEROGENEOUS
-    Ints dark;
-    for (int l = 0; l < LANES; l++) dark.at[l] = -all(met->tau[l] > OPAQUE);
-    return dark.all;
+    const REALN least = lesser(met->depth[0].all, lesser(met->depth[1].all, met->depth[2].all));
+    return convert_INTN(least > OPAQUE);
 #else
     const REAL least = fmin(body.extinction.x, fmin(body.extinction.y, body.extinction.z));
     return convert_INTN(met->solid.all * least > OPAQUE);
@@ -63,7 +60,9 @@ Passage march(const Body body, Rays rays) {
     Passage met;
     met.entry.all = (INTN)(-1);
     met.solid.all = (REALN)(0);
-    for (int l = 0; l < LANES; l++) met.tau[l] = (REAL4)(0);
+#ifdef HETEROGENEOUS
+    for (int k = 0; k < 3; k++) met.depth[k].all = (REALN)(0);
+#endif
     REALN t = (REALN)(0);
     INTN on = convert_INTN(t < rays.distance.all);
     while (SOME(on)) {
@@ -101,8 +100,12 @@ Passage march(const Body body, Rays rays) {
     }
     for (int l = 0; l < LANES; l++)
         if (met.entry.at[l] >= 0) met.entry.at[l] = body.cut_index[body.plane_cell[met.entry.at[l]]];
-#ifndef HETEROGENEOUS
-    for (int l = 0; l < LANES; l++) met.tau[l] = body.extinction * met.solid.at[l];
+    for (int l = 0; l < LANES; l++) {
+#ifdef HETEROGENEOUS
+        met.tau[l] = (REAL4)(met.depth[0].at[l], met.depth[1].at[l], met.depth[2].at[l], met.depth[2].at[l]);
+#else
+        met.tau[l] = body.extinction * met.solid.at[l];
 #endif
+    }
     return met;
 }

@@ -14,10 +14,13 @@ typedef struct {
     Reals distance; /* to go at most */
 } Rays;
 
-/* What rays met: optical depth, cut cell where the light enters the object last (-1: none), length inside. Where rays
- * run OUTSIDE the object, the last cut cell on their way. */
+/* What rays met: optical depth (of a medium that varies it adds up colour by colour), cut cell where the light enters
+ * the object last (-1: none), length inside. Where rays run OUTSIDE the object, the last cut cell on their way. */
 typedef struct {
     REAL4 tau[LANES];
+#ifdef HETEROGENEOUS
+    Reals depth[3];
+#endif
     Ints entry;
     Reals solid;
 } Passage;
