@@ -56,3 +56,30 @@ static REALN gather_reals(__global const REAL *restrict table, const INTN places
 static INTN gather_bytes(__global const uchar *restrict table, const INTN places) {
     return gather((__global const int *)table, places >> 2) >> 8 * (places & 3) & 255;
 }
+
+/* Four numbers side by side at each of some places: on wide vectors loaded whole and sorted, which takes less than four
+ * gathers. */
+static void gather_fours(__global const REAL4 *restrict table, const INTN places, REALN *found) {
+#if LANES < 4
+    for (int k = 0; k < 4; k++) found[k] = gather_reals((__global const REAL *)table, 4 * places + k);
+#else
+    typedef union {
+        REALN all;
+        REAL4 four[LANES / 4];
+    } Fours;
+    Fours sorted[4];
+    Ints from;
+    from.all = places;
+#pragma unroll
+    for (int l = 0; l < LANES; l += 4) {
+        const REAL8 low = (REAL8)(table[from.at[l]], table[from.at[l + 1]]);
+        const REAL8 high = (REAL8)(table[from.at[l + 2]], table[from.at[l + 3]]);
+        sorted[0].four[l / 4] = (REAL4)(low.s04, high.s04);
+        sorted[1].four[l / 4] = (REAL4)(low.s15, high.s15);
+        sorted[2].four[l / 4] = (REAL4)(low.s26, high.s26);
+        sorted[3].four[l / 4] = (REAL4)(low.s37, high.s37);
+    }
+#pragma unroll
+    for (int k = 0; k < 4; k++) found[k] = sorted[k].all;
+#endif
+}

@@ -2,7 +2,7 @@
 
 /* Planes of the boundary (planes.cl), and their numbers. */
 typedef struct {
-    REALN n[3], offset;
+    REALN n[4]; /* and the offset */
     INTN number;
 } Planes;
 
@@ -11,17 +11,14 @@ static Planes planes_at(const Body body, const INTN near, const INTN place, cons
     const INTN layer = CHOOSE((INTN)(0), 8 * near + (place >> 6 & 7), hit);
     Planes planes;
     planes.number = CHOOSE((INTN)(0), gather(body.first_plane, layer) + kind - CUT, hit);
-    __global const REAL *table = (__global const REAL *)body.plane;
-#pragma unroll
-    for (int a = 0; a < 3; a++) planes.n[a] = gather_reals(table, 4 * planes.number + a);
-    planes.offset = gather_reals(table, 4 * planes.number + 3);
+    gather_fours(body.plane, planes.number, planes.n);
     return planes;
 }
 
 /* Lengths inside the cut cells among those that rays cross between t and end. */
 static void cross_cut_cells(const Axis *axis, const Planes planes, const INTN hit, const REALN t, const REALN end,
                             Reals *length, Passage *met) {
-    REALN height = -planes.offset, rise = (REALN)(0), size2 = (REALN)(0);
+    REALN height = -planes.n[3], rise = (REALN)(0), size2 = (REALN)(0);
 #pragma unroll
     for (int a = 0; a < 3; a++) {
         const REALN n = planes.n[a];
@@ -34,7 +31,7 @@ static void cross_cut_cells(const Axis *axis, const Planes planes, const INTN hi
 #ifdef OUTSIDE
     share = CHOOSE(share, (REALN)(0), rise > 0); /* a ray that starts under the skin comes out of it */
 #endif
-    share = CHOOSE((REALN)(0), CHOOSE(share, planes.offset, size2 == 0), FOR_REALS(hit));
+    share = CHOOSE((REALN)(0), CHOOSE(share, planes.n[3], size2 == 0), FOR_REALS(hit));
 #ifdef OUTSIDE
     met->entry.all = CHOOSE(met->entry.all, planes.number, hit);
 #else
