@@ -30,7 +30,7 @@ from clsss.stowed import Stowed, stow
 from clsss.surface import Shares
 
 Progress = Callable[[str, float], None]
-MANY = 1 << 19  # cells whose free memory is worth a millisecond
+MANY = 200_000  # cells whose free memory is worth a millisecond or two
 CHUNK = 1 << 16  # cells at a time, so that what is reckoned with takes little memory
 
 

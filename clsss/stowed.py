@@ -20,7 +20,7 @@ from clsss.device import Buffer, Device
 from clsss.errors import DeviceError
 from clsss.room import Room
 
-SMALL = 1 << 20  # bytes that may as well stay in memory
+SMALL = 1 << 18  # bytes that may as well stay in memory
 PIECE = 1 << 19  # bytes at a time
 MOST_FILES = 64  # open at once: a process may open no more than some hundreds
 _in_files: WeakSet[Stowed] = WeakSet()
