@@ -23,7 +23,7 @@ from clsss.fused import FusedLevels
 from clsss.residual import Residual
 from clsss.room import Room
 from clsss.rounding import Held, rounding_gain
-from clsss.steps import nearly_done, share
+from clsss.steps import share, without_coupling
 from clsss.sums import inner_product
 
 SWEEPS = 2  # before and after the coarser level, on the finest
@@ -277,5 +277,5 @@ class Multigrid:
                 cycle()
                 anderson.add_correction(self.e)
             else:
-                (uncoupled if nearly_done(history, tolerance) else cycle)()
+                (uncoupled if without_coupling(history, tolerance) else cycle)()
                 self.combine(share(history, tolerance), self.e, 1, phi)

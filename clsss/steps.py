@@ -1,4 +1,4 @@
-"""What a solve does next, from the residuals so far: how much of a cycle's correction counts, and which cycle it is.
+"""What a solve does next, from the residuals so far: how much of a correction counts, and what takes part in a cycle.
 
 Errors that a cycle leaves are of cut cells: there A_1, which it inverts, differs from the second-order A_2, and the
 eigenvalues of A_1^-1 A_2 spread alike to either side of 1. Two steps off 1, w and 2 - w, take more of both ends than
@@ -17,8 +17,10 @@ from collections.abc import Sequence
 OFF = 0.1  # how far two steps are off 1
 ROUGH = 0.3  # of the residual, that the first cycle leaves at least where errors of cut cells prevail
 FAR = 1e3  # tolerances that are left then: the cycles to come make up for what steps off 1 leave
-NEARLY = 3.0  # tolerances from which on one cycle is enough that does not couple what follows the solution
-FAST = 0.25  # of the residual, that the cycle before it leaves at most
+# Tolerances from which on a cycle is enough that does not couple what follows the solution, and from which on one cycle
+# need not do so.
+NEARLY, NEAR = 3.0, 50.0
+FAST = 0.15  # of the residual, that the cycle before it leaves at most
 
 
 def share(history: Sequence[float], tolerance: float) -> float:
@@ -29,6 +31,8 @@ def share(history: Sequence[float], tolerance: float) -> float:
     return steps[len(history) - 1]
 
 
-def nearly_done(history: Sequence[float], tolerance: float) -> bool:
-    """Whether the next cycle may be expected to be the last, even if it reduces the residual by less than others."""
-    return len(history) > 1 and tolerance < history[-1] <= min(NEARLY * tolerance, FAST * history[-2])
+def without_coupling(history: Sequence[float], tolerance: float) -> bool:
+    """Whether the next cycle may leave out what follows the solution: the last one may, and one before it."""
+    if len(history) < 2 or history[-1] <= tolerance or history[-1] > FAST * history[-2]:
+        return False
+    return history[-1] <= NEARLY * tolerance or history[-1] <= NEAR * tolerance < history[-2]
