@@ -36,7 +36,9 @@ class Grid:
 
     def to_cells(self, points: np.ndarray) -> np.ndarray:
         """Points [mm] as grid coordinates [cells]."""
-        return (np.asarray(points, float) - self.origin) / self.h
+        cells = np.subtract(points, self.origin, dtype=float)
+        cells /= self.h
+        return cells
 
     def to_mm(self, points: np.ndarray) -> np.ndarray:
         """Grid coordinates [cells] as points [mm]."""

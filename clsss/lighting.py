@@ -31,7 +31,7 @@ from clsss.surface import Shares
 
 Progress = Callable[[str, float], None]
 MANY = 200_000  # cells whose free memory is worth a millisecond or two
-CHUNK = 1 << 16  # cells at a time, so that what is reckoned with takes little memory
+CHUNK = 1 << 14  # cells at a time, so that what is reckoned with takes little memory
 
 
 @dataclass(eq=False)
@@ -159,7 +159,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     device, octree, medium = setup.device, setup.octree, setup.medium
     unit = light_unit(list(lights), setup.mesh.size)
     setup.vacate()
-    _tidy(octree)
+    _tidy(octree, last)
     with timed("source", seconds, tell), setup.multigrid.lent() as room:
         source = make_source(
             device, octree, medium, list(lights), unit, setup.shadows, lambda f: tell("source", f),
@@ -171,7 +171,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         with timed("single", seconds, tell):
             once, kept, source = split(device, octree, medium, list(lights), unit, source, setup.shadows,
                                        setup.tolerance, lambda f: tell("single", f))  # fmt: skip
-    _tidy(octree)
+    _tidy(octree, last)
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
         brighter = np.zeros(3)
@@ -191,7 +191,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         deposit, moment = Deposit(source.wall, source.deposited, source.incident, source.lost), source.moment
         moments = moment.get() if setup.layer else None
         del source  # its right-hand side has served
-        _tidy(octree)
+        _tidy(octree, last)
         if follower:
             flux, entering = follower.surface(phi)
         else:
@@ -207,13 +207,13 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     parts = [flux, entering] if once is None else [flux, entering, once]
     fields = np.concatenate(parts, axis=1, dtype=flux.dtype)
     del flux, entering, once, parts
-    _tidy(octree)
+    _tidy(octree, last)
     return solution, fields
 
 
-def _tidy(octree: Octree) -> None:
-    """Give back what the device no longer needs of the host's memory, where that is worth a millisecond."""
-    if octree.n_cells > MANY:
+def _tidy(octree: Octree, last: Solution | None) -> None:
+    """Give back what the device no longer needs of the host's memory: after set-up, or where it is worth the time."""
+    if not last or octree.n_cells > MANY:
         give_back()
 
 

@@ -16,13 +16,14 @@ from clsss.triangles import Triangles
 
 REACH = 1.0  # cells
 RAYS = 4096
+SOME = 1 << 13  # triangles at a time
 LOOKED_AT = 50_000  # triangles that rays may start from
 STEP = np.array([0.7548776662466927, 0.5698402909980532])  # of the sequence R2, whose points lie evenly in a square
 
 
 def _starts(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 3) on triangles (m, 3, 3), even by area, and directions (n, 3) inwards."""
-    total = np.cumsum(areas(triangles))
+    total = np.cumsum(np.concatenate([areas(triangles[k : k + SOME]) for k in range(0, len(triangles), SOME)]))
     chosen = np.minimum(np.searchsorted(total, (np.arange(RAYS) + 0.5) / RAYS * total[-1]), len(triangles) - 1)
     u, v = (np.arange(RAYS)[:, None] * STEP % 1).T
     u, v = np.where(u + v > 1, [1 - u, 1 - v], [u, v])

@@ -9,6 +9,7 @@ import numpy as np
 from clsss.device import Device
 
 LONGEST_EDGE = 8.0  # in cells; longer triangles are split so that no work-item has much more to do than others
+SOME = 1 << 13  # triangles whose edges are measured at a time
 CHUNK = 1 << 16  # triangles at a time, so that the device need not hold much
 
 
@@ -62,11 +63,12 @@ class Triangles:
 def whole_and_pieces(device: Device, points: np.ndarray, corners: np.ndarray) -> tuple[Triangles, Triangles]:
     """Triangles as kernels take them, as they are and split where they are long; arguments as of `Triangles`."""
     is_long, split = np.zeros(len(corners), bool), [points]
+    for first in range(0, len(corners), SOME):
+        part = slice(first, first + SOME)
+        is_long[part] = _is_long(points[corners[part]], LONGEST_EDGE)
     for first in range(0, len(corners), CHUNK):
         part = slice(first, first + CHUNK)
-        some = points[corners[part]]
-        is_long[part] = _is_long(some, LONGEST_EDGE)
-        split.append(split_long(some[is_long[part]], LONGEST_EDGE).reshape(-1, 3))
+        split.append(split_long(points[corners[part][is_long[part]]], LONGEST_EDGE).reshape(-1, 3))
     surface = Triangles(device, points, corners)
     if not is_long.any():
         return surface, surface

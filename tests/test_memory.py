@@ -8,7 +8,7 @@ from shapes import torus
 
 from clsss import DirectionalLight, material, simulate, stowed
 
-MOST, MOST_OF_RELIGHT = 140, 45  # bytes a cell
+MOST, MOST_OF_RELIGHT = 120, 45  # bytes a cell
 MOST_KEPT, MOST_RELIT = 12, 20  # likewise, the mesh and what its vertices are told among them
 
 
