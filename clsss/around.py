@@ -9,7 +9,7 @@ import numpy as np
 from clsss.device import Buffer, Device
 from clsss.octree import Octree
 
-ENTRIES = 20  # of 16 bits a cut cell
+ENTRIES, NUMBERS = 15, 18  # of 16 bits a cut cell; of what these stand for
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +20,10 @@ class Around:
     ----------
     n_red, n : int
         Red cells and all cells of the finest level.
-    near : (n_cut, 20) uint16, device
+    near : (n_cut, 15) uint16, device
         Where rows begin, and which cells there are.
-    far : (n_cut, 18) int16, device, or None
-        What the first 18 lack, on grids so wide that 16 bits do not do.
+    far : (n_cut, 18) int32, device, or None
+        What numbers of rows lack, on grids so wide that these bits do not do.
     """
 
     n_red: int
@@ -42,11 +42,11 @@ def list_around(device: Device, octree: Octree) -> Around:
     near, too_far = _list(device, octree, None)
     if not too_far:
         return near
-    return _list(device, octree, device.empty((octree.cut.n, ENTRIES - 2), np.int16))[0]
+    return _list(device, octree, device.empty((octree.cut.n, NUMBERS), np.int32))[0]
 
 
 def _list(device: Device, octree: Octree, far: Buffer | None) -> tuple[Around, bool]:
-    """With all it takes, or else whether it takes more than 16 bits."""
+    """With all it takes, or else whether it takes more bits."""
     n, finest, too_far = octree.cut.n, octree.finest, device.zeros(1, np.int32)
     around = Around(finest.colour_start[1], finest.n, device.empty((n, ENTRIES), np.uint16), far)
     device.run(device.kernel("around", "list_around"), n, n, around.n_red, finest.n, *octree.lend_map(),

@@ -94,7 +94,7 @@ class CutCells:
         x_C and kappa.
     boundary : (n, 4) real
         x_B and alpha_B, the area of the surface inside the cell.
-    normal : (n, 4) real
+    normal : (n, 3) real
         Area vector of the surface (outward): alpha_B n_B where the surface is flat.
     aperture : Stowed (n, 3) real
         Open part of the faces +x +y +z; the others are those of the cells beyond (`Octree.apertures`).
@@ -274,7 +274,7 @@ def cut_moments(device: Device, samples: Samples, rows: np.ndarray, cell: np.nda
         The device cannot hold them.
     """
     n, place = len(rows), np.uint16 if device.precision == "single" else device.real
-    centroid, boundary, normal, aperture = (device.empty((n, width)) for width in (4, 4, 4, 3))
+    centroid, boundary, normal, aperture = (device.empty((n, width)) for width in (4, 4, 3, 3))
     face_centroid = device.empty((n, 3, 2), place)
     owners = device.array(samples.owners[rows])
     kernel = device.kernel("cutcell", "moments")

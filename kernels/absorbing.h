@@ -6,7 +6,7 @@
 REAL4 absorbing_volume(const int i, const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM sigma_a,
                        MEDIUM fitted, __global const int *restrict nbr, __global const int *restrict cut_index,
                        __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                       __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
+                       __global const REAL *restrict normal, __global const REAL *restrict aperture,
                        __global const Place *restrict face_centroid) {
     const int c = cut_index[i];
     const REAL4 own = cell_centroid(c, centroid), D_i = AT(D, i), k2 = FITTED_AT(fitted, i);
@@ -23,8 +23,8 @@ REAL4 absorbing_volume(const int i, const int n, const REAL h, const REAL fresne
         const REAL reach = up ? 1 - along_axis(own, axis) : along_axis(own, axis);
         more += face.area * e2 * (face.delta / 2 * sinh_over(x2 / 4) / cosh(sqrt(x2) / 2) - reach);
     }
-    if (c >= 0 && has_normal(normal[c], boundary[c])) {
-        const REAL d = depth_below(centroid[c], boundary[c], unit_normal(normal[c]), 0.1);
+    if (c >= 0 && has_normal(vector_at(c, normal), boundary[c])) {
+        const REAL d = depth_below(centroid[c], boundary[c], unit_normal(vector_at(c, normal)), 0.1);
         more += boundary[c].w * d * (absorbing_depth(k2 * (d * d), d * h, D_i, fresnel_A) - 1);
     }
     const REAL4 share = k2 * D_i / fmax(AT(sigma_a, i) * (h * h), (REAL4)(1e-30));

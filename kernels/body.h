@@ -20,7 +20,7 @@
 #define BODY \
     TREE, __global const int *restrict near, __global const uchar *restrict clearance, \
         __global const int *restrict cut_index, \
-        __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal, \
+        __global const REAL4 *restrict boundary, __global const REAL *restrict normal, \
         __global const REAL4 *restrict centroid, __global const int *restrict first_plane, \
         __global const REAL4 *restrict plane, __global const int *restrict plane_cell, EXTINCTION
 #define BODY_ARGUMENTS \
@@ -31,7 +31,7 @@ typedef struct {
     __global const int *restrict near;
     __global const uchar *restrict clearance;
     __global const int *restrict cut_index;
-    __global const REAL4 *restrict normal;
+    __global const REAL *restrict normal;
     __global const int *restrict first_plane;
     __global const REAL4 *restrict plane;
     __global const int *restrict plane_cell;

@@ -12,12 +12,12 @@
 
 REAL4 fluence_at_boundary(const int c, const int i, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                           __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                          __global const REAL4 *restrict normal, __global const REAL *restrict slope,
+                          __global const REAL *restrict normal, __global const REAL *restrict slope,
                           const REAL4 value, const REAL4 moment) {
-    const REAL4 nrm = unit_normal(normal[c]);
+    const REAL4 nrm = unit_normal(vector_at(c, normal));
     const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
     const REAL4 p = value_below(c, value, d, nrm, centroid, boundary, slope);
-    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, normal[c], boundary[c]);
+    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, vector_at(c, normal), boundary[c]);
     const REAL4 swell = any_fitted(x2) ? cosh(sqrt(x2)) : (REAL4)(1);
     return 2 * fresnel_A * (p + swell * moment) / resistance(x2, d * h, AT(D, c), fresnel_A);
 }
@@ -26,7 +26,7 @@ REAL4 fluence_at_boundary(const int c, const int i, const REAL h, const REAL fre
 // cost boundary_value: 31R+2M+4 B, 60 flop
 __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                              __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
-                             __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                             __global const REAL4 *restrict boundary, __global const REAL *restrict normal,
                              __global const REAL *restrict slope, __global const REAL *moment,
                              __global const REAL4 *restrict x, __global REAL *phi_B) {
     const int c = get_global_id(0);
@@ -41,7 +41,7 @@ __kernel void boundary_value(const int n, const REAL h, const REAL fresnel_A, ME
 // cost value_with_entered: 49R+2M+28 B, 110 flop
 __kernel void value_with_entered(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                                  __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
-                                 __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                                 __global const REAL4 *restrict boundary, __global const REAL *restrict normal,
                                  __global const REAL *restrict slope, __global const REAL *restrict moment,
                                  __global const REAL4 *restrict x, MATRIX(blend), const REAL gain,
                                  __global const REAL *restrict entered, __global REAL *restrict phi_B) {

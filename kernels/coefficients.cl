@@ -29,7 +29,7 @@ __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_
                                   MEDIUM sigma_a, MEDIUM fitted, __global const int *restrict nbr,
                                   __global const int *restrict parent, __global const int *restrict cut_index,
                                   __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                                  __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
+                                  __global const REAL *restrict normal, __global const REAL *restrict aperture,
                                   __global const Place *restrict face_centroid, __global COND *restrict T,
                                   __global REAL4 *restrict absorb) {
     const int i = get_global_id(0);
@@ -52,8 +52,8 @@ __kernel void finest_coefficients(const int n, const REAL h, const REAL fresnel_
                                           normal, aperture, face_centroid);
     REAL4 sink = AT(sigma_a, i) * (h * h * h) * volume;
     if (cut >= 0) {
-        const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.1);
-        const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, normal[cut], boundary[cut]);
+        const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(vector_at(cut, normal)), 0.1);
+        const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, vector_at(cut, normal), boundary[cut]);
         sink += boundary[cut].w * h * h / resistance(x2, d * h, AT(D, i), fresnel_A);
     }
     absorb[i] = SCALE(sink, AT(D, i));

@@ -28,7 +28,7 @@ REAL distance_across(const int f, const int c, const int other, __global const R
 __kernel void correct_residual(const int n, const int n_cells, const REAL h, const REAL fresnel_A, MEDIUM D,
                                MEDIUM fitted, __global const int *restrict irregular, __global const int *restrict nbr,
                                __global const int *restrict cut_index, __global const REAL4 *restrict centroid,
-                               __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                               __global const REAL4 *restrict boundary, __global const REAL *restrict normal,
                                __global const Place *restrict face_centroid, __global const int *restrict rows,
                                __global const REAL *restrict T, __global const REAL *restrict slope,
                                __global const REAL4 *restrict x, __global REAL *restrict r) {
@@ -56,12 +56,12 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
         }
     }
     if (c >= 0) {
-        const REAL4 nrm = unit_normal(normal[c]);
+        const REAL4 nrm = unit_normal(vector_at(c, normal));
         const REAL clamped = depth_below(centroid[c], boundary[c], nrm, 0.1);
         const REAL d = depth_below(centroid[c], boundary[c], nrm, 0.05);
         const REAL4 p = value_below(c, x[i], d, nrm, centroid, boundary, slope);
-        const REAL4 x2 = depth2(k2, clamped, normal[c], boundary[c]);
-        const REAL4 own = depth2(k2, d, normal[c], boundary[c]);
+        const REAL4 x2 = depth2(k2, clamped, vector_at(c, normal), boundary[c]);
+        const REAL4 own = depth2(k2, d, vector_at(c, normal), boundary[c]);
         const REAL4 flux = x[i] / resistance(x2, clamped * h, D_i, fresnel_A) -
                            p / resistance(own, d * h, D_i, fresnel_A);
         sum += SCALE(boundary[c].w * h * h * flux, D_i);

@@ -13,13 +13,13 @@
 #define CORNERS 0x361b /* of a subcell among the samples from its lowest corner on, a bit each */
 
 /* From the samples of cut cell i:
- *   centroid  (x_C, kappa)       boundary  (x_B, alpha_B)        normal  (alpha_B n_B as a vector, 0)
+ *   centroid  (x_C, kappa)       boundary  (x_B, alpha_B)        normal  (alpha_B n_B as a vector)
  *   aperture  alpha_f for +x +y +z                                face_centroid  two tangential coordinates each
  */
 // cost moments: 42R+44 B, 6000 flop
 __kernel void moments(const int n, __global const int *restrict owners, __global const REAL *restrict distance,
                       __global REAL4 *restrict centroid, __global REAL4 *restrict boundary,
-                      __global REAL4 *restrict normal, __global REAL *restrict aperture,
+                      __global REAL *restrict normal, __global REAL *restrict aperture,
                       __global Place *restrict face_centroid) {
     const int i = get_global_id(0);
     if (i >= n) return;
@@ -53,7 +53,7 @@ __kernel void moments(const int n, __global const int *restrict owners, __global
     m.area_first.w = m.area;
     centroid[i] = m.first;
     boundary[i] = m.area_first;
-    normal[i] = m.area_vector;
+    vstore3(m.area_vector.xyz, i, normal);
     for (int axis = 0; axis < 3; axis++) {
         REAL alpha;
         REAL2 where;

@@ -50,12 +50,12 @@ Symmetric inverse(const Symmetric m) {
     return (Symmetric){s * xx, s * yy, s * zz, s * xy, s * xz, s * yz};
 }
 
-// cost gradient: 259R+1M+180 B, 1500 flop
+// cost gradient: 258R+1M+170 B, 1500 flop
 __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, const int n_red, const int n_cells,
-                       __global const ushort *restrict around, __global const short *restrict far,
+                       __global const ushort *restrict around, __global const int *restrict far,
                        __global const int *restrict cut_cell, __global const int *restrict cut_index,
                        __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                       __global const REAL4 *restrict normal, __global const REAL *restrict wall,
+                       __global const REAL *restrict normal, __global const REAL *restrict wall,
                        __global const REAL4 *restrict x, __global REAL *restrict slope) {
     const int c = get_global_id(0);
     if (c >= n) return;
@@ -75,7 +75,7 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
         const REAL16 values = (REAL16)(x[j[0]], x[j[1]], x[j[2]], x[j[3]]);
         add_rows(&s, other - four_times(own) + steps[k], values - four_times(value), there * other.s37bf);
     }
-    const REAL4 offset = (boundary[c] - own) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(normal[c]);
+    const REAL4 offset = (boundary[c] - own) * (REAL4)(1, 1, 1, 0), nrm = unit_normal(vector_at(c, normal));
     const REAL4 D_over_h = AT(D, c) / h, across = offset / (2 * fresnel_A);
     const REAL4 scale = fmin(boundary[c].w, (REAL)1) / (D_over_h + sqrt(dot(across, across)));
     const REAL4 held_by_wall = wall ? 2 * fresnel_A * colours_at(c, wall) : (REAL4)(0);

@@ -6,7 +6,7 @@ REAL4 reduced_irradiance(const Body body, const REAL h, const REAL eta, const RE
                          const Beam beam, const REAL4 tau, const int entry) {
     const REAL4 F = beam_strength(strength, light, beam, h) * exp(-tau);
     if (eta == 1 || entry < 0) return F;
-    const REAL4 n = body.normal[entry];
+    const REAL4 n = vector_at(entry, body.normal);
     const REAL size = length(n), mu = size > 0 ? fabs(dot(n.xyz, beam.towards.xyz)) / size : 1;
     return F * transmittance(fmin(mu, (REAL)1), eta);
 }

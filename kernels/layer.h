@@ -25,14 +25,15 @@ int has_normal(const REAL4 area_vector, const REAL4 boundary) { return length(ar
 REAL along_axis(const REAL4 v, const int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
 
 /* n_e^2 of a cut cell. */
-REAL tilt(const int axis, const int c, __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal) {
-    const REAL e = along_axis(normal[c], axis);
-    return has_normal(normal[c], boundary[c]) ? e * e / dot(normal[c].xyz, normal[c].xyz) : 0;
+REAL tilt(const int axis, const int c, __global const REAL4 *restrict boundary, __global const REAL *restrict normal) {
+    const REAL4 n = vector_at(c, normal);
+    const REAL e = along_axis(n, axis);
+    return has_normal(n, boundary[c]) ? e * e / dot(n.xyz, n.xyz) : 0;
 }
 
 /* n_e^2 of a link between finest cells, of the one that is cut or the mean of both. */
 REAL tilt_between(const int axis, const int c, const int other, __global const REAL4 *restrict boundary,
-                  __global const REAL4 *restrict normal) {
+                  __global const REAL *restrict normal) {
     if (c < 0) return other < 0 ? 0 : tilt(axis, other, boundary, normal);
     const REAL own = tilt(axis, c, boundary, normal);
     return other < 0 ? own : (own + tilt(axis, other, boundary, normal)) / 2;
@@ -40,7 +41,7 @@ REAL tilt_between(const int axis, const int c, const int other, __global const R
 
 /* x^2 of a link of `delta` cells whose ends have (k h)^2 k2 and other_k2. */
 REAL4 link_width2(const REAL4 k2, const REAL4 other_k2, const REAL delta, const int axis, const int c, const int other,
-                  __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal) {
+                  __global const REAL4 *restrict boundary, __global const REAL *restrict normal) {
     if (!any_fitted(k2 + other_k2)) return (REAL4)(0);
     return (k2 + other_k2) / 2 * (delta * delta * tilt_between(axis, c, other, boundary, normal));
 }

@@ -18,14 +18,14 @@ __kernel void moment(const int n, const REAL h, const REAL g, const REAL4 light,
                      MEDIUM sigma_s, MEDIUM fitted,
                      __global const ushort *restrict position, __global const int *restrict cut_cell,
                      __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                     __global const REAL4 *restrict normal, __global const REAL *restrict F_B,
+                     __global const REAL *restrict normal, __global const REAL *restrict F_B,
                      __global const REAL4 *restrict F, __global REAL *restrict r_B, __global REAL *restrict wall) {
     const int c = get_global_id(0);
     if (c >= n) return;
     const int i = cut_cell[c];
-    const REAL4 nrm = unit_normal(normal[c]);
+    const REAL4 nrm = unit_normal(vector_at(c, normal));
     const REAL d = h * depth_below(centroid[c], boundary[c], nrm, 0.05);
-    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d / h, normal[c], boundary[c]);
+    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d / h, vector_at(c, normal), boundary[c]);
     const REAL4 s = any_fitted(x2) ? sinh_over(x2) / cosh(sqrt(x2)) : (REAL4)(1);
     const REAL4 surface = colours_at(c, F_B), mean = near_mean(surface, F[i], x2);
     const REAL inward = dot(beam_at(light, corner_of(i, position) + boundary[c]).towards.xyz, nrm.xyz);
@@ -45,17 +45,17 @@ __kernel void right_hand_side(const int n, MEDIUM D, __global REAL *restrict b) 
 /* What a moment at the boundary of a cut cell brings out of it, in the operator's scale. */
 REAL4 taken_out(const int c, const int i, const REAL4 moment, const REAL h, const REAL fresnel_A, MEDIUM D,
                 MEDIUM fitted, __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                __global const REAL4 *restrict normal) {
+                __global const REAL *restrict normal) {
     const REAL4 D_i = AT(D, c);
-    const REAL d = depth_below(centroid[c], boundary[c], unit_normal(normal[c]), 0.05);
-    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, normal[c], boundary[c]);
+    const REAL d = depth_below(centroid[c], boundary[c], unit_normal(vector_at(c, normal)), 0.05);
+    const REAL4 x2 = depth2(FITTED_AT(fitted, i), d, vector_at(c, normal), boundary[c]);
     return SCALE(boundary[c].w * h * h * moment / resistance(x2, d * h, D_i, fresnel_A), D_i);
 }
 
 // cost subtract_moment: 21R+2M+4 B, 20 flop
 __kernel void subtract_moment(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                               __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
-                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                              __global const REAL4 *restrict boundary, __global const REAL *restrict normal,
                               __global const REAL *restrict r_B, __global REAL *restrict b) {
     const int c = get_global_id(0);
     if (c >= n) return;
@@ -68,7 +68,7 @@ __kernel void subtract_moment(const int n, const REAL h, const REAL fresnel_A, M
 // cost add_entered: 36R+2M+28 B, 70 flop
 __kernel void add_entered(const int n, const REAL h, const REAL fresnel_A, MEDIUM D, MEDIUM fitted,
                           __global const int *restrict cut_cell, __global const REAL4 *restrict centroid,
-                          __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                          __global const REAL4 *restrict boundary, __global const REAL *restrict normal,
                           MATRIX(blend), const REAL gain, __global const REAL *restrict entered,
                           __global REAL *restrict b) {
     const int c = get_global_id(0);

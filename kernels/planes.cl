@@ -18,7 +18,7 @@ REAL4 plane_of(const REAL4 boundary, const REAL4 normal, const REAL inside) {
 // cost list_planes: 8R+150 B, 400 flop
 __kernel void list_planes(const int n, TREE, __global const int *restrict near, __global uchar *restrict clearance,
                           __global const int *restrict cut_index, __global const REAL4 *restrict boundary,
-                          __global const REAL4 *restrict normal, __global const REAL4 *restrict centroid,
+                          __global const REAL *restrict normal, __global const REAL4 *restrict centroid,
                           __global const int *restrict start, __global int *restrict first_plane,
                           __global REAL4 *restrict plane, __global int *restrict plane_cell) {
     const int b = get_global_id(0), m = b < n ? near[b] : -1;
@@ -35,7 +35,7 @@ __kernel void list_planes(const int n, TREE, __global const int *restrict near, 
             const int cell = finest_in(tree, block[b], place), c = cut_index[cell];
             clearance[512 * m + place] = CUT + k - first_plane[layer];
             plane_cell[k] = cell;
-            plane[k++] = plane_of(boundary[c], normal[c], centroid[c].w);
+            plane[k++] = plane_of(boundary[c], vector_at(c, normal), centroid[c].w);
         }
     }
 }

@@ -25,6 +25,15 @@ REAL4 colours(__global const REAL *values) {
 
 REAL4 colours_at(const int i, __global const REAL *values) { return colours(values + 3 * (size_t)i); }
 
+/* Three numbers side by side as a vector in space. */
+REAL4 vector_at(const int i, __global const REAL *values) {
+#if LANES == 1
+    return (REAL4)(vload3(i, values), 0);
+#else
+    return (REAL4)(vload4(0, values + 3 * (size_t)i).xyz, 0);
+#endif
+}
+
 /* A float's first 16 bits, rounded to nearest: its range and eight bits of its precision, in half the memory. */
 ushort4 shorten(const REAL4 value) {
     const uint4 bits = as_uint4(convert_float4(value));

@@ -72,7 +72,10 @@ __kernel void scattered_once(const int n, const int n_depths, const REAL h, cons
             const int4 c = convert_int4(floor(x));
             code[l] = first + l < n_depths && s < clear ? leaf_code(body.tree, c.x, c.y, c.z) : -1;
             const int cut = code[l] < 0 || code[l] & 15 ? -1 : cut_index[code[l] >> 4];
-            if (cut >= 0 && dot((x - convert_REAL4(c) - boundary[cut]).xyz, normal[cut].xyz) > 0) code[l] = -1;
+            if (cut >= 0) {
+                const REAL4 above = x - convert_REAL4(c) - boundary[cut];
+                if (dot(above.xyz, vector_at(cut, normal).xyz) > 0) code[l] = -1;
+            }
             beam[l] = beam_at(light, x);
 #ifdef BLOCKED
             const Ray to_light = {x.xyz, beam[l].towards.xyz, -1};

@@ -26,7 +26,7 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
                              __global const ushort *restrict position, __global const int *restrict nbr,
                              __global const int *restrict parent, __global const int *restrict cut_index,
                              __global const REAL4 *restrict centroid, __global const REAL4 *restrict boundary,
-                             __global const REAL4 *restrict normal, __global const REAL *restrict aperture,
+                             __global const REAL *restrict normal, __global const REAL *restrict aperture,
                              __global const Place *restrict face_centroid, __global const REAL *restrict F_B,
                              __global const REAL4 *restrict F, __global REAL *restrict Q,
                              __global REAL *restrict lost) {
@@ -59,9 +59,9 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
         if (cut >= 0 && any_fitted(x2)) on_the_way += flux * (mean - near_mean(F_j, F_i, x2)) / (c < 0 ? 1 : 2);
     }
     if (cut >= 0) {
-        const REAL inward = dot(beam_at(light, corner + boundary[cut]).towards.xyz, normal[cut].xyz);
-        const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(normal[cut]), 0.05);
-        const REAL4 x2 = depth2(k2, d, normal[cut], boundary[cut]), surface = colours_at(cut, F_B);
+        const REAL inward = dot(beam_at(light, corner + boundary[cut]).towards.xyz, vector_at(cut, normal).xyz);
+        const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(vector_at(cut, normal)), 0.05);
+        const REAL4 x2 = depth2(k2, d, vector_at(cut, normal), boundary[cut]), surface = colours_at(cut, F_B);
         sum += inward * a * surface;
         if (any_fitted(x2)) {
             const REAL4 at_surface = inward * lost_below(surface, F[i], x2, d * h, AT(D, i), a, a + own, fresnel_A);

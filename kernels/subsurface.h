@@ -3,9 +3,9 @@
 /* F of a cell carried by tau (cells) within a face: light that enters through the boundary of a cut cell falls with the
  * depth under it, and is nowhere more than what enters. Where it grazes, other cells let it in. */
 REAL4 carried_along(const REAL4 F, const int cut, const REAL4 tau, const REAL4 towards, const REAL4 extinction,
-                    __global const REAL4 *restrict normal, __global const REAL *restrict F_B) {
+                    __global const REAL *restrict normal, __global const REAL *restrict F_B) {
     if (cut < 0) return F;
-    const REAL4 n = unit_normal(normal[cut]);
+    const REAL4 n = unit_normal(vector_at(cut, normal));
     const REAL mu = dot(towards.xyz, n.xyz);
     if (mu <= 0) return F;
     return fmin(F * exp(extinction * (dot(tau.xyz, n.xyz) / fmax(mu, (REAL)0.1))), fmax(colours_at(cut, F_B), F));

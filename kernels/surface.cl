@@ -27,7 +27,7 @@ int cut_at(const Tree tree, __global const int *restrict near, __global const uc
 __kernel void share_at_points(const int n, const int width, const REAL radius_near, const REAL radius_wide,
                               TREE, __global const int *restrict near, __global const uchar *restrict clearance,
                               __global const int *restrict cut_index,
-                              __global const REAL4 *restrict boundary, __global const REAL4 *restrict normal,
+                              __global const REAL4 *restrict boundary, __global const REAL *restrict normal,
                               __global const REAL *restrict points, __global const REAL *restrict point_normal,
                               __global int *restrict cut, __global REAL *restrict share, __global int *restrict used) {
     const int v = get_global_id(0);
@@ -53,7 +53,7 @@ __kernel void share_at_points(const int n, const int width, const REAL radius_ne
                     if (k < 0) continue;
                     const REAL4 b = boundary[k];
                     const REAL4 d = (REAL4)(x + b.x - p.x, y + b.y - p.y, z + b.z - p.z, 0) / radius;
-                    const REAL closeness = dot(normal[k].xyz, n_v.xyz) > 0 ? fmax(1 - dot(d, d), (REAL)0) : 0;
+                    const REAL closeness = dot(vector_at(k, normal), n_v) > 0 ? fmax(1 - dot(d, d), (REAL)0) : 0;
                     const REAL w = b.w * closeness * closeness, s = dot(d, s_axis), t = dot(d, t_axis);
                     const int slot = min(count, width - 1); /* the next one's where this does not count */
                     cuts[slot] = k;

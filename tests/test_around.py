@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shapes import box, build_operator, build_tree, pulley, set_field, sphere, stack, torus
 
-from clsss.around import ENTRIES, _list, list_around
+from clsss.around import NUMBERS, _list, list_around
 from clsss.diffusion import Field, Load
 from clsss.materials import Material
 from clsss.residual import Residual
@@ -18,19 +18,22 @@ SOLIDS = pytest.mark.parametrize("make", [sphere, torus, pulley, stack])
 
 def with_far(device, tree):
     """The list as the widest grids have it."""
-    return _list(device, tree, device.empty((tree.cut.n, ENTRIES - 2), np.int16))[0]
+    return _list(device, tree, device.empty((tree.cut.n, NUMBERS), np.int32))[0]
 
 
 def decoded(around, cell):
     """Cells (n_cut, 9 rows, 3), -1 where there is none."""
     entry = around.near.get().astype(np.int64)
-    step = entry[:, :18].reshape(-1, 9, 2) - 32768
+    odd = (np.arange(9) % 3 + np.arange(9) // 3) % 2 == 1
+    middle = np.insert(entry[:, :8] - 32768, 4, 0, axis=1)
+    own = np.stack([entry[:, 9:13] & 255, entry[:, 9:13] >> 8], axis=2).reshape(-1, 8)
+    side = middle + np.where(odd, -1, 1) * (entry[:, 8:9] - 32768) + np.insert(own - 128, 4, 0, axis=1)
+    step = np.stack([side, middle], axis=2)
     if around.far is not None:
-        step += around.far.get().astype(np.int64).reshape(-1, 9, 2) << 16
-    exist = (entry[:, 18] | entry[:, 19] << 16)[:, None] >> np.arange(27) & 1
+        step += around.far.get().reshape(-1, 9, 2)
+    exist = (entry[:, 13] | entry[:, 14] << 16)[:, None] >> np.arange(27) & 1
     red = cell < around.n_red
     opposite = np.where(red, np.minimum(cell + around.n_red, around.n - 1), cell - around.n_red)
-    odd = (np.arange(9) % 3 + np.arange(9) // 3) % 2 == 1
     own, other = cell[:, None], opposite[:, None]
     side = np.where(odd, own, other) + step[:, :, 0]
     middle = np.where(odd, other, own) + step[:, :, 1]

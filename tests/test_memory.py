@@ -1,10 +1,12 @@
-"""Host memory of a bake, as numpy allocates it: bytes a cell, so that whole arrays are not copied again unnoticed."""
+"""Memory of a bake, bytes a cell: of the host, as numpy allocates it, and of the device."""
 
 from __future__ import annotations
 
 import tracemalloc
+from functools import partial
 
-from shapes import torus
+import pytest
+from shapes import box, flask, torus
 
 from clsss import DirectionalLight, material, simulate, stowed
 
@@ -29,3 +31,12 @@ def test_host_memory_of_a_bake(monkeypatch):
     assert kept <= MOST_KEPT * cells
     assert peak_of_relight <= MOST_OF_RELIGHT * cells
     assert both <= MOST_RELIT * cells
+
+
+@pytest.mark.parametrize(("make", "most"), [(torus, 164), (partial(box, (20.0, 20.0, 1.5)), 146), (flask, 232)])
+def test_device_memory_of_a_bake_and_a_relight(make, most):
+    """Of an object that is full, of a plate, and of one whose walls face each other so that cycles are combined."""
+    result = simulate(make(), material("marble"), [DirectionalLight((0, 0, -1))], resolution=96)
+    relit = result.relight([DirectionalLight((0, 0, 1))])
+    for each in (result, relit):
+        assert each.report["memory_mb"]["device"] * 2**20 <= most * each.report["octree"]["cells"]
