@@ -28,7 +28,7 @@ from clsss.sums import inner_product
 
 SWEEPS = 2  # before and after the coarser level, on the finest
 COARSE_SWEEPS = 3  # on the others: little work, and what they leave undone adds up from level to level
-SLOW = 0.25  # plain cycles that reduce the residual less are accelerated, unless one more would do
+SLOW = 0.25  # plain cycles that reduce the residual less are accelerated, unless two more would do
 # Relaxation of the first red half-sweep and, after the coarser level, of the black ones (Yavneh 1996). The last
 # half-sweep before restricting must be plain: restriction counts on black cells without residual.
 OVER = 1.25
@@ -270,7 +270,7 @@ class Multigrid:
                         adjust()
             if anderson is None and len(history) > 2:
                 rate = history[-1] / history[-2]
-                if rate > SLOW and rate * history[-1] > tolerance:
+                if rate > SLOW and rate**2 * history[-1] > tolerance:
                     anderson = Anderson(self.device, phi, r, follower)
             if anderson:
                 anderson.combine()
