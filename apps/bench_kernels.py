@@ -34,9 +34,9 @@ from outputs import Target, add_outputs, print_targets, write_outputs
 from clsss import DirectionalLight, Material, Mix, Perlin, cutcell, diffusion, octree, source
 from clsss.anderson import Anderson
 from clsss.device import Buffer
-from clsss.diffusion import Field
 from clsss.dipole import dipole
 from clsss.exchange import trace_exchange
+from clsss.fields import Field
 from clsss.fresnel import fresnel_A
 from clsss.interreflection import PatchMatrices, coupled
 from clsss.layer import fitted_layer

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from clsss import Emission, cutcell, diffusion, octree, source
 from clsss.device import Device
-from clsss.diffusion import Field
+from clsss.fields import Field
 from clsss.fresnel import fresnel_A
 from clsss.multigrid import Multigrid
 

@@ -11,7 +11,7 @@ import problems
 
 from clsss import Emission, Mesh, cutcell, diffusion, octree, source
 from clsss.device import Device
-from clsss.diffusion import Field, Load, PerLevel
+from clsss.fields import Field, Load, PerLevel
 from clsss.fresnel import fresnel_A
 from clsss.multigrid import Convergence, Multigrid
 from clsss.refinement import varies

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Load, channels
+from clsss.fields import CHANNELS, Field, Load, channels
 from clsss.sums import GROUP, inner_product, sum_of_parts, tiles
 
 DEPTH = 3  # cycles that are looked back on, as in kernels/anderson.cl

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from clsss.device import Device
-from clsss.diffusion import CHANNELS, Coefficients, Field, Load, cell_points, channels
+from clsss.diffusion import Coefficients, cell_points
+from clsss.fields import CHANNELS, Field, Load, channels
 from clsss.kept import kept
 from clsss.level import Level
 from clsss.lights import DirectionalLight, PointLight

@@ -12,7 +12,8 @@ from itertools import takewhile
 import numpy as np
 
 from clsss.device import Buffer
-from clsss.diffusion import Field, Load, Operator
+from clsss.diffusion import Operator
+from clsss.fields import Field, Load
 
 FEW = 1 << 16  # most cells of a level, over the compute units: a work-group has one, and leaves the others idle
 GROUP = 256  # work-items, where a device computes across them

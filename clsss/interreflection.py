@@ -14,8 +14,9 @@ import numpy as np
 
 from clsss.boundary import Boundary
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Load, Operator
+from clsss.diffusion import Operator
 from clsss.exchange import Exchange, patch_depth
+from clsss.fields import CHANNELS, Field, Load
 from clsss.heap import give_back
 from clsss.multigrid import Multigrid
 from clsss.residual import Residual

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from clsss.device import Device
-from clsss.diffusion import CHANNELS, Coefficients
+from clsss.diffusion import Coefficients
+from clsss.fields import CHANNELS
 from clsss.octree import Octree
 from clsss.stowed import Stowed, stow
 

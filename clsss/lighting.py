@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from clsss.device import Device
-from clsss.diffusion import Coefficients, Field, Load, cell_points, channels
+from clsss.diffusion import Coefficients, cell_points
+from clsss.fields import Field, Load, channels
 from clsss.fresnel import entering_gain
 from clsss.heap import give_back
 from clsss.interreflection import Interreflection, PatchCoupling

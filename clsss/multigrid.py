@@ -18,7 +18,8 @@ import numpy as np
 
 from clsss.anderson import Anderson, Coupling, Follower
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, Field, Load, Operator, PerLevel, channels
+from clsss.diffusion import Operator
+from clsss.fields import CHANNELS, Field, Load, PerLevel, channels
 from clsss.fused import FusedLevels
 from clsss.residual import Residual
 from clsss.room import Room

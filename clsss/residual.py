@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import Field, Load, Operator
+from clsss.diffusion import Operator
+from clsss.fields import Field, Load
 from clsss.octree import Octree
 from clsss.room import Room
 from clsss.sparsematrix import SparseMatrix

@@ -15,7 +15,8 @@ import numpy as np
 
 from clsss.anderson import Follower
 from clsss.device import Buffer
-from clsss.diffusion import Field, Load, Operator
+from clsss.diffusion import Operator
+from clsss.fields import Field, Load
 
 
 def rounding_gain(op: Operator) -> np.ndarray:

@@ -25,7 +25,8 @@ import numpy as np
 from clsss import bvh
 from clsss.beams import extinction, light_arguments, scattering
 from clsss.device import Device
-from clsss.diffusion import CHANNELS, Coefficients, Field, make_operator
+from clsss.diffusion import Coefficients, make_operator
+from clsss.fields import CHANNELS, Field
 from clsss.fresnel import entering_gain, fresnel_A, fresnel_reflectance, unit_quadrature
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.multigrid import Multigrid

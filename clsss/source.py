@@ -15,8 +15,9 @@ import numpy as np
 
 from clsss.beams import Beams
 from clsss.device import Buffer, Device
-from clsss.diffusion import Coefficients, Field, Load
+from clsss.diffusion import Coefficients
 from clsss.emission import cell_emission
+from clsss.fields import Field, Load
 from clsss.layer import fitted_layer
 from clsss.lights import DirectionalLight, Emission, EnvironmentLight, PointLight
 from clsss.octree import Octree

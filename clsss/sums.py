@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clsss.device import Buffer, Device
-from clsss.diffusion import CHANNELS, PerLevel
+from clsss.fields import CHANNELS, PerLevel
 
 TILE, GROUP = 4096, 64  # cells and work-items of a partial sum, as in kernels/tile.h
 

@@ -10,7 +10,7 @@ import trimesh
 
 from clsss import cutcell, diffusion, octree, source
 from clsss.device import Device
-from clsss.diffusion import Field, Load
+from clsss.fields import Field, Load
 from clsss.fresnel import fresnel_A
 from clsss.level import Level
 from clsss.mesh import Mesh

@@ -9,7 +9,7 @@ import pytest
 from shapes import box, build_operator, build_tree, pulley, set_field, sphere, stack, torus
 
 from clsss.around import NUMBERS, _list, list_around
-from clsss.diffusion import Field, Load
+from clsss.fields import Field, Load
 from clsss.materials import Material
 from clsss.residual import Residual
 

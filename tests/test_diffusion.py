@@ -26,7 +26,7 @@ from shapes import (
 )
 
 from clsss import diffusion
-from clsss.diffusion import Field
+from clsss.fields import Field
 from clsss.fresnel import fresnel_A
 from clsss.layer import fitted_layer
 from clsss.lights import Emission

@@ -7,8 +7,8 @@ import pytest
 from shapes import box_triangles, build_operator, build_tree, flask, hollow_sphere, solid
 
 from clsss.boundary import Boundary
-from clsss.diffusion import Field
 from clsss.exchange import trace_exchange
+from clsss.fields import Field
 from clsss.interreflection import PatchCoupling, PatchMatrices
 from clsss.lights import DirectionalLight
 from clsss.materials import Material, material

@@ -52,7 +52,7 @@ LAYERS = {
     1.4: ["reference", "refinement", "coarsening", "leafmap"],
     1.5: ["level"],
     2: ["octree"],
-    2.1: ["around", "inner", "rows", "jumps"],
+    2.1: ["around", "fields", "inner", "rows", "jumps"],
     3: ["diffusion"],
     3.05: ["emission", "layer", "residual"],
     3.06: ["sums"],

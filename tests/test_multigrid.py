@@ -24,7 +24,7 @@ from shapes import (
 
 from clsss import source
 from clsss.device import Device
-from clsss.diffusion import Field, Load
+from clsss.fields import Field, Load
 from clsss.fused import FusedLevels
 from clsss.lights import DirectionalLight, Emission
 from clsss.materials import Material

@@ -10,7 +10,7 @@ import pytest
 from shapes import build_operator, build_tree, hollow_sphere, solid, sphere, sphere_triangles
 
 from clsss import source
-from clsss.diffusion import Field
+from clsss.fields import Field
 from clsss.lights import DirectionalLight, Emission
 from clsss.materials import Material, material
 from clsss.mesh import load_mesh
