@@ -80,21 +80,22 @@ class Fluence:
 
     def __init__(self, field: Field):
         self.field: Field | None = field
-        self._stowed: Stowed | None = None  # (n, 3) real, all rows of the field
+        self._stowed: Stowed | None = None  # all rows of the field
 
     def leave(self) -> None:
         """From now on be stowed."""
         if self.field and not self._stowed:
             whole = self.field.whole
-            self._stowed = Stowed((whole.shape[0], 3), whole.dtype, lambda first, n: whole.get(first, n)[:, :3])
+            self._stowed = Stowed(whole.shape, whole.dtype, whole.get)
         self.field = None  # only now: Ctrl-C may come before
 
     def copy(self, device: Device, octree: Octree, scale: float | np.ndarray = 1.0) -> Field:
         """A copy on the device of what is stowed, times `scale` by channels; ghosts are stale."""
         assert self._stowed
         field = Field(device, octree)
+        factor = channels(np.broadcast_to(np.asarray(scale, device.real), 3))
         for first, part in self._stowed.parts():
-            field.whole.set(channels(part * np.asarray(scale, part.dtype)), first)
+            field.whole.set(part * factor, first)
         return field
 
 
