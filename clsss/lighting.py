@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clsss.device import Device
+from clsss.device import Buffer, Device
 from clsss.diffusion import Coefficients, cell_points
 from clsss.fields import Field, Load, channels
 from clsss.fresnel import entering_gain
@@ -33,6 +33,7 @@ from clsss.surface import Shares
 Progress = Callable[[str, float], None]
 MANY = 200_000  # cells whose free memory is worth a millisecond or two
 CHUNK = 1 << 14  # cells at a time, so that what is reckoned with takes little memory
+APART = 16  # cells of the surface from one that is looked at to the next
 
 
 @dataclass(eq=False)
@@ -117,6 +118,8 @@ class Solution:
         The part of the exitance that was scattered once, where it is traced.
     leaving : (p, 3) float64
         B of each patch of the exchange.
+    lit : (m, 3) real
+        First moment of its light at some places of the surface.
     moment : Stowed (n_cut, 3) float64, or None
         First moment at the boundary of all its sources, light from other parts of the surface included, where the
         energy balance of a fitted layer needs it.
@@ -130,6 +133,7 @@ class Solution:
     exitance: Stowed
     once: Stowed | None
     leaving: np.ndarray
+    lit: np.ndarray
     moment: Stowed | None
     source: Deposit
     convergence: Convergence
@@ -145,7 +149,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     lights : tuple
         DirectionalLight, PointLight, EnvironmentLight or Emission.
     last : Solution, optional
-        Where the solve starts from.
+        Where the solve starts from, if it is nearer than zero.
     seconds : dict
         Gets the seconds of the stages "source", "single" and "solve".
     tell : callable
@@ -176,19 +180,21 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     _tidy(octree, last)
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
-        brighter = np.zeros(3)
+        brighter, lit = np.zeros(3), _at_some_places(source.moment)
         if last is not None:
             # As bright as the lights are now, by channels: where nothing is deposited no residual is told.
             before, now = last.source.deposited / last.unit, source.deposited / unit
             np.divide(now, before, out=brighter, where=before > 0)
-        phi = last.phi.copy(device, octree, brighter) if last else Field(device, octree)
+        # a sun that has moved by 60 degrees or more leaves nothing that is worth a residual
+        start = last if last and np.linalg.norm(lit - brighter * last.lit) <= np.linalg.norm(lit) else None
+        phi = start.phi.copy(device, octree, brighter) if start else Field(device, octree)
         coupling, residual = setup.coupling, setup.multigrid.residual
         follower = Interreflection(coupling, residual, source, phi) if coupling else None
-        if follower and last:
-            follower.start_from(last.leaving * brighter)
+        if follower and start:
+            follower.start_from(start.leaving * brighter)
         convergence = setup.multigrid.solve(
             source.b, phi, setup.tolerance, progress=lambda f: tell("solve", f), follower=follower,
-            from_zero=last is None,
+            from_zero=start is None,
         )  # fmt: skip
         deposit, moment = Deposit(source.wall, source.deposited, source.incident, source.lost), source.moment
         moments = moment.get() if setup.layer else None
@@ -204,13 +210,19 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     stowed = stow(flux)
     _turn_into_light(medium, flux, entering, kept)
     traced = None if once is None else stow(once)
-    solution = Solution(unit, Fluence(phi), stowed, stow(flux), traced, leaving, balance, deposit, convergence)
+    solution = Solution(unit, Fluence(phi), stowed, stow(flux), traced, leaving, lit, balance, deposit, convergence)
     setup.hold(solution.phi)
     parts = [flux, entering] if once is None else [flux, entering, once]
     fields = np.concatenate(parts, axis=1, dtype=flux.dtype)
     del flux, entering, once, parts
     _tidy(octree, last)
     return solution, fields
+
+
+def _at_some_places(values: Buffer) -> np.ndarray:
+    """Some rows of values (n, 3)."""
+    n = values.shape[0]
+    return np.concatenate([values.get(first, min(CHUNK, n - first))[::APART] for first in range(0, n, CHUNK)])
 
 
 def _tidy(octree: Octree, last: Solution | None) -> None:

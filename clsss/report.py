@@ -14,7 +14,7 @@ from clsss.lighting import Setup, Solution
 from clsss.octree import Octree
 from clsss.validity import thin_shares
 
-CHUNK = 1 << 16  # cells at a time, so that what is reckoned with takes little memory
+CHUNK = 1 << 15  # cells at a time, so that what is reckoned with takes little memory
 
 
 def account(setup: Setup, solution: Solution, seconds: dict[str, float]) -> dict[str, Any]:

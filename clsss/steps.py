@@ -17,10 +17,8 @@ from collections.abc import Sequence
 OFF = 0.1  # how far two steps are off 1
 ROUGH = 0.3  # of the residual, that the first cycle leaves at least where errors of cut cells prevail
 FAR = 1e3  # tolerances that are left then: the cycles to come make up for what steps off 1 leave
-# Tolerances from which on a cycle is enough that does not couple what follows the solution, and from which on one cycle
-# need not do so.
-NEARLY, NEAR = 3.0, 50.0
-FAST = 0.15  # of the residual, that the cycle before it leaves at most
+NEARLY = 2.0  # tolerances from which on the last cycle need not couple what follows the solution
+FAST = 0.15  # of the residual, that the cycle before that leaves at most
 
 
 def share(history: Sequence[float], tolerance: float) -> float:
@@ -32,7 +30,5 @@ def share(history: Sequence[float], tolerance: float) -> float:
 
 
 def without_coupling(history: Sequence[float], tolerance: float) -> bool:
-    """Whether the next cycle may leave out what follows the solution: the last one may, and one before it."""
-    if len(history) < 2 or history[-1] <= tolerance or history[-1] > FAST * history[-2]:
-        return False
-    return history[-1] <= NEARLY * tolerance or history[-1] <= NEAR * tolerance < history[-2]
+    """Whether the next cycle, the last if all goes well, may leave out what follows the solution."""
+    return len(history) > 1 and tolerance < history[-1] <= min(NEARLY * tolerance, FAST * history[-2])
