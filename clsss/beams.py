@@ -20,6 +20,7 @@ import numpy as np
 from clsss.device import Device
 from clsss.diffusion import Coefficients, cell_points
 from clsss.fields import CHANNELS, Field, Load, channels
+from clsss.heap import give_back
 from clsss.kept import kept
 from clsss.level import Level
 from clsss.lights import DirectionalLight, PointLight
@@ -113,6 +114,7 @@ class Beams:
         self._position = octree.lend_positions(room)
         orders = [order.on_device(room) for order in ray_order(octree)]
         self._orders = [*enumerate(orders), (len(orders) - 1, body[-1])]
+        give_back(octree.n_cells)
 
     @cached_property
     def _points(self) -> list[np.ndarray]:

@@ -31,9 +31,8 @@ from clsss.stowed import Stowed, stow
 from clsss.surface import Shares
 
 Progress = Callable[[str, float], None]
-MANY = 200_000  # cells whose free memory is worth a millisecond or two
 CHUNK = 1 << 14  # cells at a time, so that what is reckoned with takes little memory
-APART = 16  # cells of the surface from one that is looked at to the next
+PLACES = 4096  # of the surface, some, where it is looked at whether lights have moved much
 
 
 @dataclass(eq=False)
@@ -165,7 +164,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     device, octree, medium = setup.device, setup.octree, setup.medium
     unit = light_unit(list(lights), setup.mesh.size)
     setup.vacate()
-    _tidy(octree, last)
+    tidy(octree, last)
     with timed("source", seconds, tell), setup.multigrid.lent() as room:
         source = make_source(
             device, octree, medium, list(lights), unit, setup.shadows, lambda f: tell("source", f),
@@ -177,7 +176,6 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         with timed("single", seconds, tell):
             once, kept, source = split(device, octree, medium, list(lights), unit, source, setup.shadows,
                                        setup.tolerance, lambda f: tell("single", f))  # fmt: skip
-    _tidy(octree, last)
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
         brighter, lit = np.zeros(3), _at_some_places(source.moment)
@@ -192,6 +190,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         follower = Interreflection(coupling, residual, source, phi) if coupling else None
         if follower and start:
             follower.start_from(start.leaving * brighter)
+        tidy(octree, last)
         convergence = setup.multigrid.solve(
             source.b, phi, setup.tolerance, progress=lambda f: tell("solve", f), follower=follower,
             from_zero=start is None,
@@ -199,7 +198,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         deposit, moment = Deposit(source.wall, source.deposited, source.incident, source.lost), source.moment
         moments = moment.get() if setup.layer else None
         del source  # its right-hand side has served
-        _tidy(octree, last)
+        tidy(octree, last)
         if follower:
             flux, entering = follower.surface(phi)
         else:
@@ -215,19 +214,22 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     parts = [flux, entering] if once is None else [flux, entering, once]
     fields = np.concatenate(parts, axis=1, dtype=flux.dtype)
     del flux, entering, once, parts
-    _tidy(octree, last)
+    tidy(octree, last)
     return solution, fields
 
 
 def _at_some_places(values: Buffer) -> np.ndarray:
     """Some rows of values (n, 3)."""
     n = values.shape[0]
-    return np.concatenate([values.get(first, min(CHUNK, n - first))[::APART] for first in range(0, n, CHUNK)])
+    step = max(1, n // PLACES)
+    return np.concatenate([values.get(first, min(CHUNK, n - first))[::step] for first in range(0, n, CHUNK)])
 
 
-def _tidy(octree: Octree, last: Solution | None) -> None:
+def tidy(octree: Octree, last: Solution | None) -> None:
     """Give back what the device no longer needs of the host's memory: after set-up, or where it is worth the time."""
-    if not last or octree.n_cells > MANY:
+    if last:
+        give_back(octree.n_cells)
+    else:
         give_back()
 
 

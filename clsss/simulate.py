@@ -23,7 +23,7 @@ from clsss.heap import give_back
 from clsss.inner import Inner, in_wide_cells, within
 from clsss.interreflection import PatchMatrices, coupled
 from clsss.layer import fitted_layer
-from clsss.lighting import Progress, Setup, Solution, interpolate, light, timed
+from clsss.lighting import Progress, Setup, Solution, interpolate, light, tidy, timed
 from clsss.mesh import Mesh, RayCaster, contains, opaque_triangles
 from clsss.problem import checked_lights, checked_points
 from clsss.refinement import varies
@@ -289,6 +289,7 @@ def _bake(setup: Setup, medium: Any, lights: tuple[Any, ...], last: Solution | N
     solution, fields = light(setup, lights, last, seconds, tell)
     with timed("surface", seconds, tell):
         fields = setup.at_vertices.carry(fields)  # of cut cells before, of vertices now
+        tidy(setup.octree, last)
     seconds["total"] = seconds["load"] + perf_counter() - start
     if not solution.convergence.converged:
         worst = float(solution.convergence.residuals[-1].max())
