@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clsss.device import Buffer, Device
+from clsss.device import Device
 from clsss.diffusion import Coefficients, cell_points
 from clsss.fields import Field, Load, channels
 from clsss.fresnel import entering_gain
@@ -32,7 +32,6 @@ from clsss.surface import Shares
 
 Progress = Callable[[str, float], None]
 CHUNK = 1 << 14  # cells at a time, so that what is reckoned with takes little memory
-PLACES = 4096  # of the surface, some, where it is looked at whether lights have moved much
 
 
 @dataclass(eq=False)
@@ -117,8 +116,6 @@ class Solution:
         The part of the exitance that was scattered once, where it is traced.
     leaving : (p, 3) float64
         B of each patch of the exchange.
-    lit : (m, 3) real
-        First moment of its light at some places of the surface.
     moment : Stowed (n_cut, 3) float64, or None
         First moment at the boundary of all its sources, light from other parts of the surface included, where the
         energy balance of a fitted layer needs it.
@@ -132,7 +129,6 @@ class Solution:
     exitance: Stowed
     once: Stowed | None
     leaving: np.ndarray
-    lit: np.ndarray
     moment: Stowed | None
     source: Deposit
     convergence: Convergence
@@ -148,7 +144,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     lights : tuple
         DirectionalLight, PointLight, EnvironmentLight or Emission.
     last : Solution, optional
-        Where the solve starts from, if it is nearer than zero.
+        Where the solve starts from.
     seconds : dict
         Gets the seconds of the stages "source", "single" and "solve".
     tell : callable
@@ -178,22 +174,20 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
                                        setup.tolerance, lambda f: tell("single", f))  # fmt: skip
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
-        brighter, lit = np.zeros(3), _at_some_places(source.moment)
+        brighter = np.zeros(3)
         if last is not None:
             # As bright as the lights are now, by channels: where nothing is deposited no residual is told.
             before, now = last.source.deposited / last.unit, source.deposited / unit
             np.divide(now, before, out=brighter, where=before > 0)
-        # a sun that has moved by 60 degrees or more leaves nothing that is worth a residual
-        start = last if last and np.linalg.norm(lit - brighter * last.lit) <= np.linalg.norm(lit) else None
-        phi = start.phi.copy(device, octree, brighter) if start else Field(device, octree)
+        phi = last.phi.copy(device, octree, brighter) if last else Field(device, octree)
         coupling, residual = setup.coupling, setup.multigrid.residual
         follower = Interreflection(coupling, residual, source, phi) if coupling else None
-        if follower and start:
-            follower.start_from(start.leaving * brighter)
+        if follower and last:
+            follower.start_from(last.leaving * brighter)
         tidy(octree, last)
         convergence = setup.multigrid.solve(
             source.b, phi, setup.tolerance, progress=lambda f: tell("solve", f), follower=follower,
-            from_zero=start is None,
+            from_zero=last is None,
         )  # fmt: skip
         deposit, moment = Deposit(source.wall, source.deposited, source.incident, source.lost), source.moment
         moments = moment.get() if setup.layer else None
@@ -209,20 +203,13 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
     stowed = stow(flux)
     _turn_into_light(medium, flux, entering, kept)
     traced = None if once is None else stow(once)
-    solution = Solution(unit, Fluence(phi), stowed, stow(flux), traced, leaving, lit, balance, deposit, convergence)
+    solution = Solution(unit, Fluence(phi), stowed, stow(flux), traced, leaving, balance, deposit, convergence)
     setup.hold(solution.phi)
     parts = [flux, entering] if once is None else [flux, entering, once]
     fields = np.concatenate(parts, axis=1, dtype=flux.dtype)
     del flux, entering, once, parts
     tidy(octree, last)
     return solution, fields
-
-
-def _at_some_places(values: Buffer) -> np.ndarray:
-    """Some rows of values (n, 3)."""
-    n = values.shape[0]
-    step = max(1, n // PLACES)
-    return np.concatenate([values.get(first, min(CHUNK, n - first))[::step] for first in range(0, n, CHUNK)])
 
 
 def tidy(octree: Octree, last: Solution | None) -> None:
