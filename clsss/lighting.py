@@ -172,6 +172,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         with timed("single", seconds, tell):
             once, kept, source = split(device, octree, medium, list(lights), unit, source, setup.shadows,
                                        setup.tolerance, lambda f: tell("single", f))  # fmt: skip
+    tidy(octree, last)
     with timed("solve", seconds, tell):
         setup.multigrid.residual.wall = source.wall
         brighter = np.zeros(3)
