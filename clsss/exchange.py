@@ -22,7 +22,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from clsss.fresnel import entering_gain, fresnel_A, fresnel_transmittance
+from clsss.fresnel import entering_gain, fresnel_A, fresnel_transmittance, unit_quadrature
 from clsss.octree import Octree
 from clsss.rays import LINING, RayCaster
 from clsss.surface import boundary_points, tangent_frame
@@ -81,9 +81,8 @@ def _shape(mu: np.ndarray, eta: float) -> np.ndarray:
 @lru_cache(maxsize=64)
 def _lambertian(eta: float) -> float:
     """2 int_0^1 shape mu dmu."""
-    x, weight = np.polynomial.legendre.leggauss(64)
-    nodes = (x + 1) / 2
-    return float((weight * nodes * _shape(nodes, eta)).sum())
+    mu, weight = unit_quadrature(64)
+    return float(2 * (weight * mu * _shape(mu, eta)).sum())
 
 
 def patch_depth(octree: Octree) -> int:

@@ -40,7 +40,7 @@ class Layer:
 def fitted_layer(device: Device, octree: Octree, medium: Coefficients) -> Layer | None:
     """The layer under the surface, or None where cells resolve the diffusion length."""
     cut, finest, defines = octree.cut, octree.finest, medium.defines
-    if not (any(medium.fitted.tolist()) if medium.homogeneous else medium.fitted.shape[0]):
+    if not medium.any_fitted:
         return None
     factors = [device.empty((cut.n, CHANNELS)) for _ in range(3)]
     geometry = cut.centroid, cut.boundary, cut.normal

@@ -174,14 +174,14 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
                                        setup.tolerance, lambda f: tell("single", f))  # fmt: skip
     tidy(octree, last)
     with timed("solve", seconds, tell):
-        setup.multigrid.residual.wall = source.wall
+        coupling, residual = setup.coupling, setup.multigrid.residual
+        residual.wall = source.wall
         brighter = np.zeros(3)
         if last is not None:
             # As bright as the lights are now, by channels: where nothing is deposited no residual is told.
             before, now = last.source.deposited / last.unit, source.deposited / unit
             np.divide(now, before, out=brighter, where=before > 0)
         phi = last.phi.copy(device, octree, brighter) if last else Field(device, octree)
-        coupling, residual = setup.coupling, setup.multigrid.residual
         follower = Interreflection(coupling, residual, source, phi) if coupling else None
         if follower and last:
             follower.start_from(last.leaving * brighter)
@@ -197,7 +197,7 @@ def light(setup: Setup, lights: tuple[Any, ...], last: Solution | None, seconds:
         if follower:
             flux, entering = follower.surface(phi)
         else:
-            flux = setup.multigrid.residual.boundary_flux(phi, moment, moment)
+            flux = residual.boundary_flux(phi, moment, moment)
             entering = np.zeros_like(flux)
     leaving = follower.leaving if follower else np.zeros((0, 3))
     balance = None if moments is None else stow(moments - entering_gain(medium.eta) * entering)
