@@ -1,20 +1,30 @@
 /* mean.h -- exact means of an exponential between its values u and v at the two ends of a link. */
+#ifdef DOUBLE
+typedef long4 Exponent;
+#define EXPONENT(x) ((as_long4(x) >> 52) - 1023)
+#define POWER_OF_TWO(k) as_double4(((k) + 1023) << 52)
+#else
+typedef int4 Exponent;
+#define EXPONENT(x) ((as_int4(x) >> 23) - 127)
+#define POWER_OF_TWO(k) as_float4(((k) + 127) << 23)
+#endif
 
-/* d / atanh(d) of d^2 up to 0.16, to 1e-9. */
-REAL4 over_atanh(const REAL4 z) {
-    const REAL c[9] = {1, -1.0 / 3, -4.0 / 45, -44.0 / 945, -428.0 / 14175, -10196.0 / 467775, -1.6787551856e-2,
-                       -1.3502765051e-2, -1.1203745638e-2};
-    REAL4 sum = (REAL4)(c[8]);
-    for (int k = 7; k >= 0; k--) sum = sum * z + c[k];
+/* atanh(s) / s of s^2 up to 0.0295, to 1e-10. */
+REAL4 atanh_over(const REAL4 z) {
+    const REAL c[6] = {1, 1.0 / 3, 1.0 / 5, 1.0 / 7, 1.0 / 9, 1.0 / 11};
+    REAL4 sum = (REAL4)(c[5]);
+    for (int k = 4; k >= 0; k--) sum = sum * z + c[k];
     return sum;
 }
 
+/* (u - v) / log(u / v), of which log(q) = k log 2 + 2 atanh(s) with the k that makes s least. Without branches or the
+ * builtin logarithm, which take half as long again on CPUs. */
 REAL4 log_mean(const REAL4 u, const REAL4 v) {
-    const REAL4 high = fmax(u, v), low = fmin(u, v);
-    const REAL4 d = (high - low) / fmax(high + low, (REAL4)(1e-30)), near = (high + low) / 2 * over_atanh(d * d);
-    if (all(d < (REAL)0.4)) return near;
-    const REAL4 far = (high - low) / log(fmax(high, (REAL4)(1e-36)) / fmax(low, (REAL4)(1e-36)));
-    return select(select(far, near, d < (REAL)0.4), (REAL4)(0), low <= 0);
+    const REAL4 low = fmax(fmin(u, v), (REAL4)(1e-36)), high = fmax(fmax(u, v), (REAL4)(1e-36));
+    const Exponent k = EXPONENT(fmin(high / low, (REAL4)(1e38)) * (REAL)1.41421356);
+    const REAL4 near = low * POWER_OF_TWO(k), s = (high - near) / (high + near), over = atanh_over(s * s);
+    const REAL4 far = (high - low) / (convert_REAL4(k) * (REAL)0.6931471805599453 + 2 * s * over);
+    return select(select(far, (high + low) / (2 * over), k == 0), (REAL4)(0), fmin(u, v) <= 0);
 }
 
 /* Weighted by cosh of the distance from the far end, x at the near one with value u: what gets there of a source along

@@ -34,8 +34,11 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
     if (i >= n) return;
     const REAL4 corner = corner_of(i, position), a = albedo(sigma_a, sigma_s, i);
     const REAL4 own = first_moment(g, D, sigma_s, i), k2 = FITTED_AT(fitted, i);
-    const int cut = cut_index[i];
+    const int cut = cut_index[i], kept = max(cut, 0);
+    const REAL4 area_vector = vector_at(kept, normal), nrm = unit_normal(area_vector), surface = colours_at(kept, F_B);
+    const REAL4 extinction = h * (AT(sigma_a, i) + AT(sigma_s, i));
     REAL4 sum = (REAL4)(0), on_the_way = (REAL4)(0);
+#pragma unroll
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f], up = f & 1;
         if (j == i) continue;
@@ -49,10 +52,11 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
             const Face face = face_between(f >> 1, up ? cut : c, up ? c : cut, centroid, aperture, face_centroid);
             area = face.area;
             x2 = link_width2(k2, FITTED_AT(fitted, j), face.delta, f >> 1, cut, c, boundary, normal);
-            F_i = carried_along(F_i, cut, up ? face.tau_low : face.tau_high, towards,
-                                h * (AT(sigma_a, i) + AT(sigma_s, i)), normal, F_B);
-            F_j = carried_along(F_j, c, up ? face.tau_high : face.tau_low, towards,
-                                h * (AT(sigma_a, j) + AT(sigma_s, j)), normal, F_B);
+            if (cut >= 0)
+                F_i = carried_along(F_i, up ? face.tau_low : face.tau_high, towards, nrm, surface, extinction);
+            if (c >= 0)
+                F_j = carried_along(F_j, up ? face.tau_high : face.tau_low, towards, unit_normal(vector_at(c, normal)),
+                                    colours_at(c, F_B), h * (AT(sigma_a, j) + AT(sigma_s, j)));
         }
         const REAL4 flux = area * outward(towards, f) * (a + (own + other) / 2), mean = near_mean(F_i, F_j, x2);
         sum -= flux * mean;
@@ -85,6 +89,7 @@ __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int 
     const REAL4 corner = width * corner_of(i, position), a = albedo(sigma_a, sigma_s, i);
     const REAL4 own = first_moment(g, D, sigma_s, i);
     REAL4 sum = (REAL4)(0);
+#pragma unroll
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
         if (j == i || (j < n && !is_leaf[j])) continue;

@@ -2,13 +2,11 @@
 
 /* F of a cell carried by tau (cells) within a face: light that enters through the boundary of a cut cell falls with the
  * depth under it, and is nowhere more than what enters. Where it grazes, other cells let it in. */
-REAL4 carried_along(const REAL4 F, const int cut, const REAL4 tau, const REAL4 towards, const REAL4 extinction,
-                    __global const REAL *restrict normal, __global const REAL *restrict F_B) {
-    if (cut < 0) return F;
-    const REAL4 n = unit_normal(vector_at(cut, normal));
+REAL4 carried_along(const REAL4 F, const REAL4 tau, const REAL4 towards, const REAL4 n, const REAL4 entering,
+                    const REAL4 extinction) {
     const REAL mu = dot(towards.xyz, n.xyz);
     if (mu <= 0) return F;
-    return fmin(F * exp(extinction * (dot(tau.xyz, n.xyz) / fmax(mu, (REAL)0.1))), fmax(colours_at(cut, F_B), F));
+    return fmin(F * exp(extinction * (dot(tau.xyz, n.xyz) / fmax(mu, (REAL)0.1))), fmax(entering, F));
 }
 
 /* What neither the centroid gets of a beam between the surface (irradiance u) and itself (v), nor r_B. */
