@@ -44,48 +44,41 @@ class Buffer:
 
     def get(self, first: int = 0, n: int | None = None) -> np.ndarray:
         """A copy on the host (waits for the queue), of all rows or of the `n` from `first` on."""
-        import pyopencl as cl
-
         out = np.empty(self.shape if n is None else (n, *self.shape[1:]), self.dtype)
         if out.size:
             self.device.finish()
-            cl.enqueue_copy(self.device.queue, out, self.data, src_offset=first * self.nbytes // self.shape[0])
+            start = first * self.nbytes // self.shape[0]
+            self.device.cl.enqueue_copy(self.device.queue, out, self.data, src_offset=start)
         return out
 
     def set(self, values: np.ndarray, first: int | None = None) -> None:
         """Overwrite with host values of the same shape, or rows from `first` on."""
-        import pyopencl as cl
-
         host = np.ascontiguousarray(values, self.dtype)
         assert host.shape == self.shape or first is not None, (host.shape, self.shape)
         if host.size:
             start = (first or 0) * self.nbytes // max(1, self.shape[0] if self.shape else 1)
-            cl.enqueue_copy(self.device.queue, self.data, host, dst_offset=start)
+            self.device.cl.enqueue_copy(self.device.queue, self.data, host, dst_offset=start)
 
     def fill(self, value: float, first: int = 0, end: int | None = None) -> None:
         """Set every element from row `first` on, to before row `end`."""
-        import pyopencl as cl
-
         row, end = self.nbytes // max(1, self.shape[0]), self.shape[0] if end is None else end
         start, stop = first * row, end * row
         if stop > start:
             size = stop - start
             pattern = np.full(np.gcd.reduce((start, size, 64)) // self.dtype.itemsize, value, self.dtype)  # faster
-            self.device.enqueue(lambda queue: cl.enqueue_fill_buffer(queue, self.data, pattern, start, size))
+            fill = self.device.cl.enqueue_fill_buffer
+            self.device.enqueue(lambda queue: fill(queue, self.data, pattern, start, size))
 
     def copy_from(self, other: Buffer) -> None:
         """Copy the contents of another buffer of the same size, on the device."""
-        import pyopencl as cl
-
         if self.nbytes:
-            self.device.enqueue(lambda queue: cl.enqueue_copy(queue, self.data, other.data, byte_count=self.nbytes))
+            copy = self.device.cl.enqueue_copy
+            self.device.enqueue(lambda queue: copy(queue, self.data, other.data, byte_count=self.nbytes))
 
     def move(self, whole: Buffer, first: int) -> None:
         """Become a view of another buffer from byte `first` on, the contents with it."""
-        import pyopencl as cl
-
         data = whole.data.get_sub_region(first, self.nbytes + BEYOND)
-        cl.enqueue_copy(self.device.queue, data, self.data, byte_count=self.nbytes)
+        self.device.cl.enqueue_copy(self.device.queue, data, self.data, byte_count=self.nbytes)
         self.device.allocated -= self._owned
         self.data, self._owned = data, 0
 
@@ -153,7 +146,8 @@ class Device:
         self.real = np.dtype(np.float32 if precision == "single" else np.float64)
         self.handle = handle
         self.context = cl.Context([handle])
-        self.queue = cl.CommandQueue(self.context)
+        self.cl, self.queue = cl, cl.CommandQueue(self.context)
+        self._idle = True  # whether nothing was enqueued since it was last waited for
         width = handle.native_vector_width_float if precision == "single" else handle.native_vector_width_double
         self.lanes = max(1, int(width))
         self.row_alignment = max(1, int(handle.mem_base_addr_align) // 32)  # that is told in bits
@@ -228,6 +222,7 @@ class Device:
         group = group or min(64, 1 << max(0, (n - 1).bit_length()))
         size, converted = -(-n // group) * group, [self._argument(a) for a in arguments]
         if self._captured is None:
+            self._idle = False
             kernel(self.queue, (size,), (group,), *converted)
             return
         numbers = [(i, a) for i, a in enumerate(converted) if isinstance(a, (np.generic, np.ndarray))]
@@ -242,6 +237,7 @@ class Device:
     def enqueue(self, command: Callable[[Any], Any]) -> None:
         """Call `command` with the queue, or note it where commands are captured."""
         if self._captured is None:
+            self._idle = False
             command(self.queue)
         else:
             self._captured.append(command)
@@ -259,6 +255,7 @@ class Device:
             self._captured = None
 
         def replay() -> None:
+            self._idle = False
             for command in commands:
                 command(self.queue)
 
@@ -288,13 +285,14 @@ class Device:
 
     def finish(self) -> None:
         """Wait until everything enqueued is done, awake to Ctrl-C: OpenCL's own waits are not."""
-        import pyopencl as cl
-
-        last = cl.enqueue_marker(self.queue)
+        if self._idle:
+            return
+        last = self.cl.enqueue_marker(self.queue)
         self.queue.flush()
         pause = 0.0
-        while (status := last.command_execution_status) > cl.command_execution_status.COMPLETE:
+        while (status := last.command_execution_status) > self.cl.command_execution_status.COMPLETE:
             time.sleep(pause)
             pause = min(pause + 2e-5, 3e-4)
         if status < 0:
             raise DeviceError(f"OpenCL device {self.name} failed while it computed (error {status})")
+        self._idle = True

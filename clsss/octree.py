@@ -114,11 +114,14 @@ class Octree:
 
     def volume(self, level: Level, first: int = 0, n: int | None = None) -> np.ndarray:
         """Volume inside the object of the cells (n,) of a level, all or `n` from `first` on [mm^3]."""
-        volume = np.full(level.n - first if n is None else n, level.h**3)
+        n = level.n - first if n is None else n
+        volume = np.full(n, level.h**3)
         if level is self.finest:
-            cell = self.cut.cell.get()
-            start, end = np.searchsorted(cell, [first, first + len(volume)])
-            volume[cell[start:end] - first] *= self.cut.centroid.get(start, end - start)[:, 3]
+            cut = self.cut_index.get(first, n)
+            is_cut = cut >= 0
+            rows = cut[is_cut]  # one after the other
+            if len(rows):
+                volume[is_cut] *= self.cut.centroid.get(int(rows[0]), len(rows))[:, 3]
         return volume
 
     def volumes(self) -> list[np.ndarray]:

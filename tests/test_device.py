@@ -170,6 +170,7 @@ def test_a_kernel_that_fails_is_a_device_error(single, monkeypatch):
     import pyopencl as cl
 
     monkeypatch.setattr(cl, "enqueue_marker", lambda queue: SimpleNamespace(command_execution_status=-5))
+    single.zeros(1)
     with pytest.raises(DeviceError, match="failed while it computed"):
         single.finish()
 
