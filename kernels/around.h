@@ -24,6 +24,13 @@ int is_odd(const int row) { return (row % 3 + row / 3) & 1; }
 /* Where the number of a row's own difference is, among those of 8 bits. */
 int close_at(const int row) { return 2 * (SKEW + 1) + row - (row > 4); }
 
+/* The middle of a row around cell i, but for what is in `far`. */
+int middle_of(const int row, const int c, const int i, const int n_red, const int n,
+              __global const ushort *restrict around) {
+    if (row == 4) return i;
+    return (is_odd(row) ? opposite(i, n_red, n) : i) - NEAR + around[ENTRIES * (size_t)c + row - (row > 4)];
+}
+
 /* The cells around cell i, x fastest, and the cell itself for a 28th; any where there is none. Returns which exist. */
 __attribute__((always_inline)) int cells_around(const int c, const int i, const int n_red, const int n,
                                                 __global const ushort *restrict around,
@@ -34,7 +41,7 @@ __attribute__((always_inline)) int cells_around(const int c, const int i, const 
     const int across = other - i + entry[SKEW] - NEAR;
 #pragma unroll
     for (int row = 0; row < 9; row++) {
-        const int middle = row == 4 ? i : (is_odd(row) ? other : i) - NEAR + entry[row - (row > 4)];
+        const int middle = middle_of(row, c, i, n_red, n, around);
         const int sides = middle + (is_odd(row) ? -across : across);
         at[3 * row] = row == 4 ? sides : sides - CLOSE + close[close_at(row)];
         at[3 * row + 1] = middle;

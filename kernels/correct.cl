@@ -1,6 +1,7 @@
 /* correct.cl -- the second-order terms of cut cells' fluxes. */
 #include "real.h"
 #include "conductance.h"
+#include "fetch.h"
 #include "layer.h"
 #include "rows.h"
 #include "slope.h"
@@ -34,6 +35,12 @@ __kernel void correct_residual(const int n, const int n_cells, const REAL h, con
                                __global const REAL4 *restrict x, __global REAL *restrict r) {
     const int m = get_global_id(0);
     if (m >= n) return;
+    const int later = irregular[min(m + AHEAD, n - 1)];
+    FETCH(nbr + 6 * later);
+    FETCH(cut_index + later);
+    FETCH(rows + later);
+    FETCH(x + later);
+    FETCH(r + 3 * later);
     const int i = irregular[m], c = cut_index[i], row = ROW_OF(i, rows);
     const REAL4 D_i = AT(D, max(c, 0)), k2 = FITTED_AT(fitted, i);
     REAL4 sum = colours_at(i, r);

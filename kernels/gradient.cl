@@ -9,6 +9,7 @@
 #include "face.h"
 #include "conductance.h"
 #include "around.h"
+#include "fetch.h"
 #include "pseudoinverse.h"
 
 #define REAL16 GLUE(REAL, 16)
@@ -59,6 +60,13 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
                        __global const REAL4 *restrict x, __global REAL *restrict slope) {
     const int c = get_global_id(0);
     if (c >= n) return;
+    const int later = min(c + AHEAD, n - 1);
+#pragma unroll
+    for (int row = 0; row < 9; row++) {
+        const int middle = middle_of(row, later, cut_cell[later], n_red, n_cells, around);
+        FETCH(x + middle);
+        FETCH(cut_index + middle);
+    }
     const int i = cut_cell[c];
     int at[28];
     const int exist = cells_around(c, i, n_red, n_cells, around, far, at);

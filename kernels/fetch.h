@@ -1,0 +1,13 @@
+/* fetch.h -- asks for what a later work-item reads. On CPUs one comes after the other, and on large grids each waits
+ * for loads that follow no order. Where the compiler has no way to ask, as on GPUs, nothing is left of it.
+ */
+#define AHEAD 16 /* work-items */
+
+#if LANES > 1 && defined(__has_builtin)
+#if __has_builtin(__builtin_prefetch)
+#define FETCH(address) __builtin_prefetch((__private const void *)(uintptr_t)(address))
+#endif
+#endif
+#ifndef FETCH
+#define FETCH(address)
+#endif
