@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import cases
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from shapes import (
     sphere,
 )
 
-from clsss import analytic, diffusion
+from clsss import analytic, diffusion, kernelsource
 from clsss.beams import Beams
 from clsss.fresnel import fresnel_A, fresnel_transmittance
 from clsss.layer import fitted_layer
@@ -59,6 +61,43 @@ def slab():
 
 def in_the_middle(points, width=5.0):
     return (np.abs(points[:, :2]) < width).all(axis=1)
+
+
+MEANS = """
+#include "real.h"
+#include "face.h"
+#include "conductance.h"
+#include "layer.h"
+#include "mean.h"
+__kernel void means(const int n, __global const REAL4 *u, __global const REAL4 *v, __global REAL4 *mean) {
+    const int i = get_global_id(0);
+    if (i < n) mean[i] = log_mean(u[i], v[i]);
+}
+"""
+
+
+def test_logarithmic_means(tmp_path, monkeypatch, device, eps):
+    """(u - v) / log(u / v): of neighbours, on either side of each power of two, from full light to next to none."""
+    monkeypatch.setattr(kernelsource, "KERNEL_DIR", shutil.copytree(kernelsource.KERNEL_DIR, tmp_path / "kernels"))
+    (tmp_path / "kernels" / "means.cl").write_text(MEANS)
+    halves = 2 ** (np.arange(60) / 2)
+    ratio = np.concatenate([1 + np.geomspace(1e-12, 1, 200), halves * (1 - 1e-6), halves, np.geomspace(1, 1e30, 500)])
+    u = np.repeat(np.array([1e-5, 1.0, 3e3])[:, None] * ratio**0, 4).reshape(-1, 4).astype(device.real)
+    v = (u / np.tile(ratio, 3)[:, None]).astype(device.real)
+    u[0], v[1], u[2], v[2] = 0, 0, 0, 0
+    mean = device.empty(u.shape)
+    kernel = device.kernel("means", "means")
+    device.run(kernel, len(u), len(u), device.array(u), device.array(v), mean)
+    exact, difference = u.astype(float), u.astype(float) - v
+    near = np.abs(difference) < 1e-4 * u
+    far = (difference != 0) & ~near & (u > 0) & (v > 0)
+    exact[far] = difference[far] / np.log(u[far].astype(float) / v[far])
+    exact[near] = (u[near].astype(float) + v[near]) / 2
+    exact[:3] = 0
+    np.testing.assert_allclose(mean.get(), exact, rtol=max(8 * eps, 1e-9))
+    other = device.empty(u.shape)
+    device.run(kernel, len(u), len(u), device.array(v), device.array(u), other)
+    np.testing.assert_array_equal(other.get(), mean.get())
 
 
 @pytest.mark.parametrize("sigma_h", [0.05, 0.5, 2.0, 10.0])
