@@ -194,7 +194,7 @@ def measure_cycle(device: Recorder, triad: Triad, mg: Multigrid, b: Field, round
 
 
 def tell_cycle(device: Recorder, triad: Triad, mg: Multigrid, b: Field, medium: str, rounds: int) -> float:
-    """Print both, and give the latter."""
+    """Print what a whole cycle takes, and give it in u."""
     seconds, units = measure_cycle(device, triad, mg, b, rounds)
     ball = f"uniform ball, {mg.op.octree.finest.n * 1e-6:.2f} M cells, {medium}"
     print(f"{WHOLE_CYCLE}, {ball}: {1e3 * seconds:.2f} ms, {units:.2f} u", flush=True)
@@ -222,7 +222,7 @@ def bench(device: Recorder, triad: Triad, cells: int, name: str, rounds: int) ->
 
 
 def targets(rows: list[Row], cycles: dict[tuple[int, str], float]) -> list[Target]:
-    """The figures that the project promises, on the biggest ball."""
+    """The figures that the project promises: kernels on the biggest ball, whole cycles on that in a box."""
     out = []
     for label in dict.fromkeys(AT_LEAST.values()):
         for medium in MEDIA:

@@ -48,7 +48,7 @@ class Buffer:
         if out.size:
             self.device.finish()
             start = first * self.nbytes // self.shape[0]
-            self.device.cl.enqueue_copy(self.device.queue, out, self.data, src_offset=start)
+            self.device._cl.enqueue_copy(self.device.queue, out, self.data, src_offset=start)
         return out
 
     def set(self, values: np.ndarray, first: int | None = None) -> None:
@@ -57,7 +57,7 @@ class Buffer:
         assert host.shape == self.shape or first is not None, (host.shape, self.shape)
         if host.size:
             start = (first or 0) * self.nbytes // max(1, self.shape[0] if self.shape else 1)
-            self.device.cl.enqueue_copy(self.device.queue, self.data, host, dst_offset=start)
+            self.device._cl.enqueue_copy(self.device.queue, self.data, host, dst_offset=start)
 
     def fill(self, value: float, first: int = 0, end: int | None = None) -> None:
         """Set every element from row `first` on, to before row `end`."""
@@ -66,19 +66,20 @@ class Buffer:
         if stop > start:
             size = stop - start
             pattern = np.full(np.gcd.reduce((start, size, 64)) // self.dtype.itemsize, value, self.dtype)  # faster
-            fill = self.device.cl.enqueue_fill_buffer
+            fill = self.device._cl.enqueue_fill_buffer
             self.device.enqueue(lambda queue: fill(queue, self.data, pattern, start, size))
 
     def copy_from(self, other: Buffer) -> None:
         """Copy the contents of another buffer of the same size, on the device."""
         if self.nbytes:
-            copy = self.device.cl.enqueue_copy
+            copy = self.device._cl.enqueue_copy
             self.device.enqueue(lambda queue: copy(queue, self.data, other.data, byte_count=self.nbytes))
 
     def move(self, whole: Buffer, first: int) -> None:
         """Become a view of another buffer from byte `first` on, the contents with it."""
-        data = whole.data.get_sub_region(first, self.nbytes + BEYOND)
-        self.device.cl.enqueue_copy(self.device.queue, data, self.data, byte_count=self.nbytes)
+        data, own = whole.data.get_sub_region(first, self.nbytes + BEYOND), self.data
+        copy = self.device._cl.enqueue_copy
+        self.device.enqueue(lambda queue: copy(queue, data, own, byte_count=self.nbytes))
         self.device.allocated -= self._owned
         self.data, self._owned = data, 0
 
@@ -146,7 +147,7 @@ class Device:
         self.real = np.dtype(np.float32 if precision == "single" else np.float64)
         self.handle = handle
         self.context = cl.Context([handle])
-        self.cl, self.queue = cl, cl.CommandQueue(self.context)
+        self._cl, self.queue = cl, cl.CommandQueue(self.context)
         self._idle = True  # whether nothing was enqueued since it was last waited for
         width = handle.native_vector_width_float if precision == "single" else handle.native_vector_width_double
         self.lanes = max(1, int(width))
@@ -159,8 +160,7 @@ class Device:
         self._prepared: OrderedDict[Any, Prepared] = OrderedDict()  # the last ones, for when a scene is lit anew
 
     def _allocate(self, nbytes: int) -> cl.Buffer:
-        import pyopencl as cl
-
+        cl = self._cl
         try:
             data = cl.Buffer(self.context, cl.mem_flags.READ_WRITE, nbytes + BEYOND)
         except cl.Error as error:
@@ -193,9 +193,7 @@ class Device:
 
     def kernel(self, file: str, name: str, *defines: str) -> Any:
         """The kernel `name` of ``kernels/<file>.cl``, built with `defines` such as ``"HETEROGENEOUS"``."""
-        import pyopencl as cl
-
-        key = (file, name, defines)
+        cl, key = self._cl, (file, name, defines)
         if key not in self._kernels:
             files = program_of(file)
             if (files[0], defines) not in self._programs:
@@ -287,10 +285,10 @@ class Device:
         """Wait until everything enqueued is done, awake to Ctrl-C: OpenCL's own waits are not."""
         if self._idle:
             return
-        last = self.cl.enqueue_marker(self.queue)
+        last = self._cl.enqueue_marker(self.queue)
         self.queue.flush()
         pause = 0.0
-        while (status := last.command_execution_status) > self.cl.command_execution_status.COMPLETE:
+        while (status := last.command_execution_status) > self._cl.command_execution_status.COMPLETE:
             time.sleep(pause)
             pause = min(pause + 2e-5, 3e-4)
         if status < 0:

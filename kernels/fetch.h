@@ -1,5 +1,5 @@
 /* fetch.h -- asks for what a later work-item reads. On CPUs one comes after the other, and on large grids each waits
- * for loads that follow no order. Where the compiler has no way to ask, as on GPUs, nothing is left of it.
+ * for loads that follow no order. OpenCL's own prefetch would say the same, but PoCL leaves it out.
  */
 #define AHEAD 16 /* work-items */
 

@@ -60,10 +60,10 @@ __kernel void gradient(const int n, const REAL h, const REAL fresnel_A, MEDIUM D
                        __global const REAL4 *restrict x, __global REAL *restrict slope) {
     const int c = get_global_id(0);
     if (c >= n) return;
-    const int later = min(c + AHEAD, n - 1);
+    const int later = min(c + AHEAD, n - 1), its_cell = cut_cell[later];
 #pragma unroll
     for (int row = 0; row < 9; row++) {
-        const int middle = middle_of(row, later, cut_cell[later], n_red, n_cells, around);
+        const int middle = middle_of(row, later, its_cell, n_red, n_cells, around);
         FETCH(x + middle);
         FETCH(cut_index + middle);
     }

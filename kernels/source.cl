@@ -38,7 +38,9 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
     const REAL4 area_vector = vector_at(kept, normal), nrm = unit_normal(area_vector), surface = colours_at(kept, F_B);
     const REAL4 extinction = h * (AT(sigma_a, i) + AT(sigma_s, i));
     REAL4 sum = (REAL4)(0), on_the_way = (REAL4)(0);
+#if LANES > 1 /* four times the code, which a GPU's instruction cache does not hold */
 #pragma unroll
+#endif
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f], up = f & 1;
         if (j == i) continue;
@@ -63,9 +65,9 @@ __kernel void deposit_finest(const int n, const REAL h, const REAL g, const REAL
         if (cut >= 0 && any_fitted(x2)) on_the_way += flux * (mean - near_mean(F_j, F_i, x2)) / (c < 0 ? 1 : 2);
     }
     if (cut >= 0) {
-        const REAL inward = dot(beam_at(light, corner + boundary[cut]).towards.xyz, vector_at(cut, normal).xyz);
-        const REAL d = depth_below(centroid[cut], boundary[cut], unit_normal(vector_at(cut, normal)), 0.05);
-        const REAL4 x2 = depth2(k2, d, vector_at(cut, normal), boundary[cut]), surface = colours_at(cut, F_B);
+        const REAL inward = dot(beam_at(light, corner + boundary[cut]).towards.xyz, area_vector.xyz);
+        const REAL d = depth_below(centroid[cut], boundary[cut], nrm, 0.05);
+        const REAL4 x2 = depth2(k2, d, area_vector, boundary[cut]);
         sum += inward * a * surface;
         if (any_fitted(x2)) {
             const REAL4 at_surface = inward * lost_below(surface, F[i], x2, d * h, AT(D, i), a, a + own, fresnel_A);
@@ -89,7 +91,6 @@ __kernel void deposit_coarse(const int n, const REAL h, const REAL g, const int 
     const REAL4 corner = width * corner_of(i, position), a = albedo(sigma_a, sigma_s, i);
     const REAL4 own = first_moment(g, D, sigma_s, i);
     REAL4 sum = (REAL4)(0);
-#pragma unroll
     for (int f = 0; f < 6; f++) {
         const int j = nbr[6 * i + f];
         if (j == i || (j < n && !is_leaf[j])) continue;

@@ -1,4 +1,4 @@
-/* subsurface.h -- a beam between the boundary of a cut cell and its centroid. Needs face.h, layer.h and mean.h. */
+/* subsurface.h -- a beam between the boundary of a cut cell and its centroid. Needs layer.h and mean.h. */
 
 /* F of a cell carried by tau (cells) within a face: light that enters through the boundary of a cut cell falls with the
  * depth under it, and is nowhere more than what enters. Where it grazes, other cells let it in. */

@@ -165,12 +165,23 @@ def test_gpus_come_before_cpus_and_more_units_before_fewer(monkeypatch):
     assert names == ["large gpu", "small gpu", "cpu", "broken gpu"]
 
 
-def test_a_kernel_that_fails_is_a_device_error(single, monkeypatch):
-    """OpenCL tells of it by a negative status of what was enqueued last."""
+@pytest.mark.parametrize("command", ["run", "fill", "copy", "move", "replay"])
+def test_whatever_was_enqueued_is_waited_for(single, monkeypatch, command):
+    """OpenCL tells of what failed by a negative status of what was enqueued last; with nothing new it is not asked."""
     import pyopencl as cl
 
+    x, y, whole = single.zeros((16, 4)), single.zeros((16, 4)), single.zeros((64, 4))
+    commands = {
+        "run": lambda: single.run(single.kernel("reduce", "combine"), 16, 16, *[single.vector([1.0])] * 2, x, y),
+        "fill": lambda: x.fill(1),
+        "copy": lambda: x.copy_from(y),
+        "move": lambda: x.move(whole, 0),
+        "replay": single.capture(lambda: x.fill(1)),
+    }
+    single.finish()
     monkeypatch.setattr(cl, "enqueue_marker", lambda queue: SimpleNamespace(command_execution_status=-5))
-    single.zeros(1)
+    single.finish()
+    commands[command]()
     with pytest.raises(DeviceError, match="failed while it computed"):
         single.finish()
 
