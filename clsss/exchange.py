@@ -14,7 +14,7 @@ Partial-current balance of Haskell et al. 1994 with incoming light; Veach and Gu
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -27,11 +27,13 @@ from clsss.octree import Octree
 from clsss.rays import LINING, RayCaster
 from clsss.surface import boundary_points, tangent_frame
 
-PROBES = 8  # rays that tell whether a patch sees the object at all
-RAYS = 32  # rays of those that do
+PROBES = 8  # rays that tell how much of the object a patch sees
+RAYS = 32  # rays of those that see it wherever they look, twice as many of others: for patches two cells wide, and in
+# proportion to their width, for on fine grids they cost little of the whole
 PATCHES = 64  # patches along the longest side of the grid, at least
 NEAREST = 6  # patches around a cut cell, of which its share is blended: all but the one that weighs least
 CHUNK = 1 << 15  # rays at a time, of which both host and device hold much
+SUMMED = 1 << 16  # hits that are added to the matrices at once
 SOME = 1 << 13  # cut cells at a time
 HUGE = 1e30  # extinction of the object, for rays that go around it
 GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # R3 low-discrepancy sequence
@@ -124,22 +126,29 @@ def _blend(share: sparse.csr_matrix, points: np.ndarray, normals: np.ndarray) ->
     return blend
 
 
-def _transport(found: list[tuple[np.ndarray, ...]], area: np.ndarray,
+def _together(found: Iterable[tuple[np.ndarray, ...]]) -> Iterator[tuple[np.ndarray, ...]]:
+    """What rays found, `SUMMED` of them or more at a time."""
+    some: list[tuple[np.ndarray, ...]] = []
+    for part in found:
+        some.append(part)
+        if sum(len(own) for own, *_ in some) >= SUMMED:
+            yield tuple(np.concatenate(values) for values in zip(*some, strict=True))
+            some.clear()
+    if some:
+        yield tuple(np.concatenate(values) for values in zip(*some, strict=True))
+
+
+def _transport(found: Iterable[tuple[np.ndarray, ...]], rays: np.ndarray, area: np.ndarray,
                eta: float) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:  # fmt: skip
-    """H and H_t (p, p) from what rays found, which is used up, and the patches' areas."""
-    rows, columns, arriving, entering = [], [], [], []
-    while found:
-        own, other, mu, mu_other = found.pop()
-        balance = area[[own, other]] / (area[own] + area[other]) / RAYS
-        for here, there, mu_in, mu_out, weight in ((own, other, mu, mu_other, balance[1]),
-                                                   (other, own, mu_other, mu, balance[0])):  # fmt: skip
-            flow = weight * leaving_shape(mu_out, eta)
-            rows.append(here)
-            columns.append(there)
-            arriving.append(flow)
-            entering.append(flow * fresnel_transmittance(mu_in, eta))
-    where, shape = (np.concatenate(rows), np.concatenate(columns)), (len(area), len(area))
-    H, H_t = (sparse.coo_matrix((np.concatenate(v), where), shape=shape).tocsr() for v in (arriving, entering))
+    """H and H_t (p, p) from what so many rays of each patch find, added up as they come, and the patches' areas."""
+    H = H_t = sparse.csr_matrix((len(area), len(area)))
+    for own, other, mu, mu_other in _together(found):
+        here, there = np.concatenate([own, other]), np.concatenate([other, own])
+        balance = area[there] / (rays[here] * area[there] + rays[there] * area[here])
+        flow = balance * leaving_shape(np.concatenate([mu_other, mu]), eta)
+        entering = flow * fresnel_transmittance(np.concatenate([mu, mu_other]), eta)
+        more, more_t = (sparse.coo_matrix((v, (here, there)), shape=H.shape).tocsr() for v in (flow, entering))
+        H, H_t = H + more, H_t + more_t
     return H, H_t
 
 
@@ -223,17 +232,23 @@ def trace_exchange(octree: Octree, eta: float, blockers: RayCaster | None = None
     area = np.bincount(patch, areas)
     n = len(area)
     tracer = _Tracer(octree, patch, points, normals, blockers)
-    found, active = list(tracer.trace(np.arange(n, dtype=np.int32), range(PROBES))), np.zeros(n, bool)
-    for own, other, _, _ in found:
+    everywhere, seen, active = np.arange(n, dtype=np.int32), np.zeros(n, int), np.zeros(n, bool)
+    for own, other, _, _ in tracer.trace(everywhere, range(-PROBES, 0)):
+        seen += np.bincount(own, minlength=n)
         active[own] = active[other] = True
     if not active.any():
         return None
-    for part in tracer.trace(np.flatnonzero(active).astype(np.int32), range(PROBES, RAYS)):
-        found.append(part)
-        if progress is not None:
-            progress((tracer.rays - n * PROBES) / (RAYS - PROBES) / np.count_nonzero(active))
-    rays = tracer.rays
-    del tracer
-    H, H_t = _transport(found, area, eta)
+    # patches that neither see nor are seen count as if they were traced, too: nothing would be found
+    rays = np.where(2 * seen > PROBES, RAYS, 2 * RAYS) << (patch_depth(octree) - 1)
+
+    def found() -> Iterator[tuple[np.ndarray, ...]]:
+        for each in np.unique(rays[active]).tolist():
+            # without the probes: how many rays there are depends on what those found
+            for part in tracer.trace(everywhere[active & (rays == each)], range(each)):
+                if progress is not None:
+                    progress((tracer.rays - n * PROBES) / rays[active].sum())
+                yield part
+
+    H, H_t = _transport(found(), rays, area, eta)
     blend = _blend(share, points, normals)
-    return Exchange(share, blend, H, H_t, entering_gain(eta), rays, time.perf_counter() - start)
+    return Exchange(share, blend, H, H_t, entering_gain(eta), tracer.rays, time.perf_counter() - start)

@@ -7,7 +7,7 @@ import importlib
 import numpy as np
 import pytest
 import trimesh
-from shapes import box_triangles, build_tree, hollow_sphere, solid, sphere, sphere_triangles, torus
+from shapes import box_triangles, build_tree, hollow_sphere, relative_rms, solid, sphere, sphere_triangles, torus
 
 from clsss.exchange import leaving_shape, trace_exchange
 from clsss.fresnel import entering_gain, fresnel_transmittance
@@ -145,6 +145,23 @@ def test_a_card_between_plates_is_black_on_both_sides(single):
     aside = RayCaster(card.triangles + np.array([0, 0, 9.0]))
     plain, beside = trace_exchange(tree, 1.0), trace_exchange(tree, 1.0, aside)
     assert (plain.arriving != beside.arriving).nnz == 0
+
+
+def test_light_from_a_bright_spot_is_even(single, monkeypatch):
+    """Few rays of each patch find a spot: what they miss shows as blotches where little other light comes from."""
+    tree = build_tree(single, torus(), 48)
+    points, _ = boundary_points(tree)
+
+    def irradiance():
+        exchange = trace_exchange(tree, 1.3)
+        spot = exchange.share @ (np.linalg.norm(points - [4.0, 0, 0], axis=1) < 2.0)
+        return exchange.blend @ (exchange.arriving @ spot)
+
+    found = irradiance()
+    monkeypatch.setattr("clsss.exchange.RAYS", 2048)
+    exact = irradiance()
+    lit = exact > 0.1 * exact.max()
+    assert relative_rms(found[lit], exact[lit]) < 0.25
 
 
 def test_exchange_is_the_same_every_time(single):
