@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Mesh", "RayCaster", "contains", "load_mesh", "opaque_triangles"]
 
 MOST_CAPS = 0.25  # share of the surface that holes' caps may be until that is said
+_SHORTEST, _LONGEST = 1e-6, 1e9  # mm: single precision does not hold the cubes of far smaller and larger ones
 _FLAT = 1e-7  # volume over area times length: what rounding to float32 leaves of zero
 
 
@@ -144,8 +145,8 @@ def load_mesh(
         length = None if size is None else float(size)
     except (TypeError, ValueError):
         length = np.nan
-    if length is not None and not 0 < length < np.inf:
-        raise InputError(f"size: {size!r} is not a length; give the longest side in mm, more than 0")
+    if length is not None and not _SHORTEST <= length <= _LONGEST:
+        raise InputError(f"size: {size!r} is not a length; give the longest side, {_SHORTEST:g} to {_LONGEST:g} mm")
     if isinstance(source, (str, os.PathLike)):
         path = Path(source)
         name = path.name

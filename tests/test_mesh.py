@@ -493,7 +493,7 @@ def test_no_file(tmp_path):
         load_mesh(trimesh.Scene())
 
 
-@pytest.mark.parametrize("size", [0, -1, np.nan, np.inf, "wide", [1.0]])
+@pytest.mark.parametrize("size", [0, -1, 1e-12, 1e30, np.nan, np.inf, "wide", [1.0]])
 def test_size_must_be_a_length(size):
     with pytest.raises(InputError, match=r"size: .* is not a length"):
         load_mesh(sphere(), size=size)
