@@ -32,7 +32,7 @@ RAYS = 32  # rays of those that see it wherever they look, twice as many of othe
 # proportion to their width, for on fine grids they cost little of the whole
 PATCHES = 64  # patches along the longest side of the grid, at least
 NEAREST = 6  # patches around a cut cell, of which its share is blended: all but the one that weighs least
-CHUNK = 1 << 15  # rays at a time, of which both host and device hold much
+CHUNK = 1 << 14  # rays at a time, of which both host and device hold much
 SUMMED = 1 << 14  # hits that are added to the matrices at once
 SOME = 1 << 13  # cut cells at a time
 HUGE = 1e30  # extinction of the object, for rays that go around it
